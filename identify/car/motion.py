@@ -196,8 +196,8 @@ class Motion:
     ahead: float = 0.0
     masses: Mapping[str, Array] = field(default_factory=dict[str, Array])
     road_height: float = 0.0
-    _off: dict[tuple[tuple[str, ...], str, float, float], Motion] = field(
-        default_factory=dict[tuple[tuple[str, ...], str, float, float], "Motion"], init=False, repr=False, compare=False
+    _off: dict[tuple[tuple[str, ...], float, float], Motion] = field(
+        default_factory=dict[tuple[tuple[str, ...], float, float], "Motion"], init=False, repr=False, compare=False
     )
 
     def off_expectation(self, corners: tuple[str, ...], travel: float, rate: float) -> Motion:
@@ -205,22 +205,18 @@ class Motion:
 
         `corners` : of those with a `conditional`. Kept, as every law that bends asks for the same few.
         """
-        return self._moved(corners, "σ", travel, rate)
-
-    def at_usual_rate(self, corners: tuple[str, ...], sign: float) -> Motion:
-        """The motion with the rate of some corners at ± the run's root mean square; kept likewise."""
-        return self._moved(corners, "rms", 0.0, sign)
-
-    def _moved(self, corners: tuple[str, ...], unit: str, travel: float, rate: float) -> Motion:
-        key = corners, unit, travel, rate
+        key = corners, travel, rate
         if key not in self._off:
             if len(corners) == 1:
-                one = self.corners[corners[0]]
-                moved = {corners[0]: one.at_usual_rate(rate) if unit == "rms" else one.off_expectation(travel, rate)}
+                moved = {corners[0]: self.corners[corners[0]].off_expectation(travel, rate)}
             else:
-                moved = {c: self._moved((c,), unit, travel, rate).corners[c] for c in corners}
+                moved = {c: self.off_expectation((c,), travel, rate).corners[c] for c in corners}
             self._off[key] = replace(self, corners={**self.corners, **moved})
         return self._off[key]
+
+    def at_usual_rate(self, corners: tuple[str, ...], sign: float) -> Motion:
+        """The motion with the rate of some corners at ± the run's root mean square."""
+        return replace(self, corners={**self.corners, **{c: self.corners[c].at_usual_rate(sign) for c in corners}})
 
     def given(self, other: Motion) -> Motion:
         """The motion with what is expected of the corners' travel given another record, that of `other`."""

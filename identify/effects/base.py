@@ -115,8 +115,6 @@ class Effect(ABC):
     """Families that it is confounded with by construction, in nearly all runs; the docstring has the reason."""
     base: ClassVar[bool] = False
     """Whether it is part of the base model."""
-    of_run: ClassVar[bool] = False
-    """Whether it belongs to a run (`for_runs`) and not to the car."""
     needs: ClassVar[tuple[str, ...]] = ()
     """Channels it needs beyond those of the rows it acts on."""
     grids: ClassVar[Mapping[str, tuple[float, ...]]] = {}
@@ -182,6 +180,11 @@ class Effect(ABC):
     def for_runs(cls, runs: Sequence[str]) -> Sequence[Self]:
         """Variants that differ from run to run, one a run, by the runs' names; none for a property of the car."""
         return ()
+
+    @classmethod
+    def is_of_run(cls) -> bool:
+        """Whether it belongs to a run and not to the car."""
+        return bool(cls.for_runs(("one run", "another")))
 
     def lacks(self, motion: Motion) -> tuple[str | GroundLaserOffset, ...]:
         """Channels that it needs and the run of `motion` lacks, or the road under the wheels (`GroundLaserOffset`)."""

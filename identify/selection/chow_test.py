@@ -90,7 +90,7 @@ def chow_test(space: ScoreTests, c: Candidate, others: Sequence[Candidate] = ())
         for i, q in zip(range(trial.place.start, trial.place.stop), trial.effect.parameters, strict=True)
     }
     mine, columns = np.r_[trials[0].place], np.eye(inside.sums.layout.width)
-    return _tested(space, inside, _Law(mine, columns, own.own if own else _NONE, fresh=fresh))
+    return _tested(space, inside, _Law(mine, columns, own.own if own else np.zeros(0, np.intp), fresh))
 
 
 def chow_test_in_model(space: ScoreTests, law: AddedLaw, without: Sequence[AddedLaw] = ()) -> ParameterConstancy | None:
@@ -112,9 +112,6 @@ def chow_test_in_model(space: ScoreTests, law: AddedLaw, without: Sequence[Added
     right[:, inside.sums.layout.right] += columns @ theta
     own = space.tolerances_of(law.sheet_entries)
     return _tested(space, inside, _Law(np.array(law.places), right, np.concatenate([gone, own]).astype(np.intp)))
-
-
-_NONE = np.zeros(0, np.intp)
 
 
 @dataclass(frozen=True)

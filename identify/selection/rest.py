@@ -150,8 +150,10 @@ class Rest:
         return cls(lack, space.tolerance_use(), forces, tuple(unlisted), tuple(small))
 
     def without_unlisted(self) -> list[Row]:
-        """Rows in which the model holds: all but the unlisted ones, and of the body, which moves by one force, none or
-        all."""
+        """Rows in which the model holds: all but the unlisted ones.
+
+        Forces on the body act in all its rows: none of these holds when one is unlisted.
+        """
         body = any(row.kind == "chassis" for row in self.unlisted)
         return [row for row in self.lack.ratios if row not in self.unlisted and not (body and row.kind == "chassis")]
 

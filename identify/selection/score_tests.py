@@ -217,11 +217,7 @@ class ScoreTests:
             trial.place.start: FaultWithoutTolerance(self.regression, trial.place.start, own)
             for trial in self.layout.trials
             if trial.fault
-            and (
-                own := tolerances_like(
-                    self.regression, trial.place.start, self.tolerances_of(trial.effect.sheet_entries)
-                )
-            ).size
+            and (own := self._own_tolerances(trial)).size
             and np.all(self.regression.remaining_energy(trial.place) > SELECTION.gone_share)
         }
         over_runs = self.sums.over_runs
@@ -357,6 +353,11 @@ class ScoreTests:
             )
         drop, null = self.regression.scores(trial.place, self.null)
         return ScoreTest(trial, drop, null, *self.regression.values(trial.place))
+
+    def _own_tolerances(self, trial: Trial) -> NDArray[np.intp]:
+        """Positions among the nuisance columns of the tolerances that are equivalent to a fault."""
+        alike = self.tolerances_of(trial.effect.sheet_entries)
+        return tolerances_like(self.regression, trial.place.start, alike)
 
     def tolerances_of(self, entries: frozenset[tuple[str, str]]) -> NDArray[np.intp]:
         """Positions among the nuisance columns of the tolerances for these entries of the sensor sheet."""

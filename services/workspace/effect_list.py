@@ -49,7 +49,7 @@ def list_effects(vehicle: Vehicle, reference: str, name: str = "") -> EffectList
     if name and name not in classes and name not in measured:
         keys = {effect.key: effect.name for effect in found}
         family = keys.get(name) or next((f for f in classes if name.startswith(f"{f}.")), "")
-        if not family or (name not in keys and not classes[family].for_runs(["a", "b"])):
+        if not family or (name not in keys and not classes[family].is_of_run()):
             raise UsageError(f"there is no effect '{name}'{nearest(name, [*classes, *measured, *keys])}")
         name = family
     chosen = [family for key, family in classes.items() if name in ("", key)]

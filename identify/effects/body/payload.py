@@ -31,7 +31,6 @@ class Payload(PhysicalEffect):
     shown_by = "runs with and without the payload; braking or steering shows where it sits"
     source = "Newton's law; Khalil and Dombre (2002), chapter 9"
     rows = ("chassis",)
-    of_run = True
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:

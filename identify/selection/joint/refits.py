@@ -221,7 +221,7 @@ def _not_standing_elsewhere(joint: Joint, rest: Rest) -> set[str]:
     sound = rest.without_unlisted()
     laws = laws_on_rows(joint.space, sound) if sound else ()
     out = {law.key for law in laws if not law.rows.isdisjoint(sound) and not _is_significant(law, joint.space)}
-    of_runs = {effect.key for effect in joint.effects if effect.of_run}
+    of_runs = {effect.key for effect in joint.effects if effect.is_of_run()}
     return out | {law.key for law in joint.laws if law.key in of_runs and not law.rows <= set(sound)}
 
 

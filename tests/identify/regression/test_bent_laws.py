@@ -153,3 +153,25 @@ def test_noise_in_the_residual_includes_what_the_law_is_not_told() -> None:
             residual = run.measured[row] - run.matrix(physics, row) @ values
             floor = np.sqrt(np.mean([np.mean(draw[row] ** 2) for draw in draws]))
             assert np.sqrt(np.mean(residual**2)) == pytest.approx(floor, rel=0.12), row
+
+
+def test_a_law_that_bends_brings_its_linear_part_alone_into_the_residual() -> None:
+    """What noise in the rate does through it there is what it does through a damper of the law's slope."""
+    law = replace(exact.KNOWN["coulomb.fl"], shape={"v0": 0.002})
+    run = measured(calm(12.0), 1)
+    given = run.motion.corners["fl"].conditional
+    assert given is not None
+    slope = np.tanh(given.rate_rms[0] / 0.002) / given.rate_rms[0]
+    fitted = fit(exact.MODEL + law, [run], FitOptions(draws=2))
+    friction, damper = (list(fitted.columns).index(name) for name in ("coulomb.fl.f", "damper.fl.c"))
+    through = fitted.moments.slopes
+    assert np.any(through[:, :, damper] != 0.0)
+    np.testing.assert_allclose(
+        through[:, :, friction],
+        slope * through[:, :, damper],
+        rtol=1e-6,
+        atol=1e-6 * np.max(np.abs(through[:, :, friction])),
+    )
+    assert np.any(
+        np.abs(through[:, friction] - slope * through[:, damper]) > 0.1 * np.max(np.abs(through[:, friction]))
+    )

@@ -13,60 +13,24 @@ import pytest
 
 from lacet.daq.formats.events import EventKind
 from lacet.daq.formats.log import LogReader, LogWriter, StartRecord
-from lacet.daq.frames import Frames
 from lacet.daq.rig import Rig
-from lacet.drivers import open_driver
 from lacet.services.acquisition.log_medium import RESERVE_BYTES, ROOM_BYTES, LogMedium, remaining_text
 from lacet.services.acquisition.recorder import Health, Recorder, Summary
 from lacet.services.acquisition.stream_decoder import Decoder
 from lacet.services.commands.record import describe
-from tests.drivers.driver_cases import plausible_blocks
+from tests.support.correvit_wire import CORREVIT, CorrevitWire
 
 T0 = 1_700_000_000_000_000_000
-RIG = """
+RIG = (
+    """
 format = "lacet-rig 1"
 name = "bench"
 wheel_reference = "hub"
 [bus.can0]
 kind = "can"
-[[sensor]]
-name = "correvit"
-driver = "correvit"
-bus = "can0"
-channels = ["correvit.speed"]
-axes = "sensor"
-position = [-3.2, 0.0, 0.01]
 """
-
-
-class Wire:
-    """A bus with the frames of a Correvit; `act` is called before each read with the number of reads so far."""
-
-    source = "can0"
-
-    def __init__(self, act: Callable[[int], None]) -> None:
-        self.warnings: list[str] = []
-        driver = open_driver("correvit", "can0")
-        self._frames = driver.encode(plausible_blocks(driver, 5_000, 1))
-        self._act = act
-        self.reads = self.sent = 0
-
-    def open(self) -> None:
-        pass
-
-    def read(self, timeout: float) -> Frames:
-        time.sleep(0.02)
-        self._act(self.reads)
-        self.reads += 1
-        some = self._frames[self.sent : self.sent + 5]
-        self.sent += len(some)
-        return Frames(some.source, np.full(len(some), time.time_ns()), some.ident, some.offset, some.data)
-
-    def losses(self) -> dict[str, int]:
-        return {}
-
-    def close(self) -> None:
-        pass
+    + CORREVIT
+)
 
 
 class Recording:
@@ -75,7 +39,7 @@ class Recording:
     def __init__(self, path: Path, seconds: float, act: Callable[[int], None] = lambda reads: None, **how: object):
         self.told: list[str] = []
         self.seen: list[Health] = []
-        self.wire, rig = Wire(act), Rig.parse(RIG)
+        self.wire, rig = CorrevitWire(act=act), Rig.parse(RIG)
         log = LogWriter(path, StartRecord("r", T0, "", rig.text))
         recorder = Recorder([self.wire], Decoder(rig), log, notify=self.told.append, report=self.seen.append, **how)
         self.summary: Summary = recorder.run(threading.Event(), duration=seconds)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from threading import Event
@@ -14,14 +13,12 @@ from lacet.daq.blocks import Block
 from lacet.daq.channels import CHANNELS
 from lacet.daq.formats.events import EventKind
 from lacet.daq.formats.log import LogReader, LogWriter, StartRecord
-from lacet.daq.frames import Frames
 from lacet.daq.rig import Rig
-from lacet.drivers import open_driver
 from lacet.services.acquisition.recorder import Health, Recorder
 from lacet.services.acquisition.sensor_monitor import SensorMonitor, SensorState, Watched
 from lacet.services.acquisition.stream_decoder import Decoder
 from lacet.services.commands.record import describe
-from tests.drivers.driver_cases import plausible_blocks
+from tests.support.correvit_wire import CORREVIT, CorrevitWire
 
 T0 = 1_700_000_000_000_000_000
 BATCH = 0.1
@@ -195,7 +192,8 @@ def test_a_delay_that_passes_is_no_loss():
     assert bench.monitor.hidden_losses() == {}
 
 
-RIG = """
+RIG = (
+    """
 format = "lacet-rig 1"
 name = "bench"
 wheel_reference = "hub"
@@ -208,46 +206,13 @@ bus = "can0"
 channels = ["laser.*"]
 axes = "body"
 position_from_wheel_centre = [0.0, 0.0, 0.30]
-[[sensor]]
-name = "correvit"
-driver = "correvit"
-bus = "can0"
-channels = ["correvit.speed"]
-axes = "sensor"
-position = [-3.2, 0.0, 0.01]
 """
-
-
-class Wire:
-    """A bus with the frames of a Correvit, ten times its rate; the lasers beside it are switched off."""
-
-    source = "can0"
-
-    def __init__(self) -> None:
-        self.warnings: list[str] = []
-        driver = open_driver("correvit", "can0")
-        blocks = plausible_blocks(driver, 10_000, 1)
-        self._frames = driver.encode(blocks)
-        self.sent = 0
-
-    def open(self) -> None:
-        pass
-
-    def read(self, timeout: float) -> Frames:
-        time.sleep(0.02)
-        some = self._frames[self.sent : self.sent + 50]
-        self.sent += len(some)
-        return Frames(some.source, np.full(len(some), time.time_ns()), some.ident, some.offset, some.data)
-
-    def losses(self) -> dict[str, int]:
-        return {}
-
-    def close(self) -> None:
-        pass
+    + CORREVIT
+)
 
 
 def test_the_states_are_in_the_log_the_ledger_and_the_live_line(tmp_path: Path):
-    rig, told, seen, wire = Rig.parse(RIG), list[str](), list[Health](), Wire()
+    rig, told, seen, wire = Rig.parse(RIG), list[str](), list[Health](), CorrevitWire(batch=50)
     log = LogWriter(tmp_path / "run.mcap", StartRecord("r", T0, "", rig.text))
     recorder = Recorder([wire], Decoder(rig), log, notify=told.append, report=seen.append)
     summary = recorder.run(Event(), duration=1.9)

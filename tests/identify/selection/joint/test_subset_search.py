@@ -17,7 +17,7 @@ from lacet.identify.progress import silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.chow_test import ParameterConstancy
 from lacet.identify.selection.columns.linearisation import Linearisation
-from lacet.identify.selection.diagnose import _as_found, _concluded, _not_constant
+from lacet.identify.selection.diagnose import _as_found, _concluded, _not_constant, diagnose
 from lacet.identify.selection.joint.alternatives import alternatives, confidence_set
 from lacet.identify.selection.joint.refits import (
     Joint,
@@ -33,7 +33,7 @@ from lacet.identify.selection.joint.refits import (
 from lacet.identify.selection.joint.rivals import rivals
 from lacet.identify.selection.joint.shape_constants import constants_by_runs, refined, with_best_constants
 from lacet.identify.selection.joint.subset_search import Subset, _strongest
-from lacet.identify.selection.rest import Rest, added_faults, added_laws, laws_on_rows
+from lacet.identify.selection.rest import AddedLaw, Rest, added_faults, added_laws, laws_on_rows
 from lacet.identify.selection.score_tests import Answer, Candidate, Reason, ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.signals.reconstruct import Recording
@@ -370,3 +370,17 @@ def test_an_effect_of_a_size_that_no_car_has_is_not_found(subset: Joint) -> None
     found = only_plausible(replace(subset, laws=laws), 0)
     assert set(found.keys) == set(subset.keys) - {bar}
     assert bar not in {law.key for law in found.laws}
+
+
+def test_a_diagnosis_names_none_of_a_size_that_no_car_has(subset: Joint, monkeypatch: pytest.MonkeyPatch):
+    bar, other = "anti_roll_bar.front", Implausible(KNOWN["anti_roll_bar.front"].parameters[0], 2e6, 2.1e6)
+
+    def laws(space: ScoreTests) -> tuple[AddedLaw, ...]:
+        return tuple(replace(law, implausible=other if law.key == bar else None) for law in added_laws(space))
+
+    monkeypatch.setattr("lacet.identify.selection.joint.refits.added_laws", laws)
+    first = subset.first
+    found = diagnose(first.fitted, first.floor, list(first.effects.values()), noise=first.noise)
+    assert bar in subset.keys
+    assert bar not in {c.key for c in found.found}
+    assert found.found
