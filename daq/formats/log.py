@@ -1,4 +1,6 @@
-"""Writer of run logs: one MCAP file a run, readable up to the last whole chunk after a crash or a full disk.
+"""Writer of run logs: MCAP files, each readable up to its last whole chunk after a crash or a full disk.
+
+A run is one file as a rule, or goes on in further ones (`formats.run_files`).
 
 Topics: ``/raw/<source>``, ``/decoded/<channel with slashes>``, ``/lacet/start``, ``/lacet/stop``, ``/lacet/manifest``,
 ``/lacet/events``.
@@ -25,6 +27,7 @@ from lacet.daq.formats.events import RunEvent, event_to_bytes
 from lacet.daq.formats.log_read import LogReader
 from lacet.daq.formats.log_recover import recover
 from lacet.daq.formats.mcap_write import McapWriter
+from lacet.daq.formats.run_files import PART
 from lacet.daq.formats.wire import (
     Manifest,
     StartRecord,
@@ -80,6 +83,7 @@ class LogWriter:
         to the operating system.
     axes : channel → axes where the rig file declares others than the vocabulary.
     overwrite : replace an existing file; otherwise it is an error.
+    after : what the files before this one of the run hold: messages are numbered and counted on from there.
 
     Raises
     ------
@@ -96,6 +100,7 @@ class LogWriter:
         fsync_seconds: float | None = None,
         axes: Mapping[str, str] | None = None,
         overwrite: bool = False,
+        after: Manifest | None = None,
     ):
         self.path = Path(path)
         self.start = start
@@ -103,13 +108,14 @@ class LogWriter:
         """Reason why nothing more can be written; None without a fault."""
         self.closed = False
         self._axes = dict(axes or {})
-        self._channels: dict[str, Tally] = {}
-        self._sources: dict[str, Tally] = {}
-        self._stored: tuple[dict[str, Tally], dict[str, Tally]] = ({}, {})
+        self._channels: dict[str, Tally] = dict(after.channels) if after else {}
+        self._sources: dict[str, Tally] = dict(after.sources) if after else {}
+        self._stored = dict(self._channels), dict(self._sources)
         self._chunk_bytes = chunk_bytes
         self._chunk_ns = round(chunk_seconds * 1e9)
         self._fsync_ns = None if fsync_seconds is None else round(fsync_seconds * 1e9)
-        self._events = 0
+        self.events = 0
+        """Number of events so far, also of files before this one."""
         self._open_bytes = 0
         self._open_first_ns = 0
         self._last_ns = self._synced_ns = max(0, start.started_ns)
@@ -142,8 +148,8 @@ class LogWriter:
 
     def write_event(self, event: RunEvent) -> None:
         """Store an event. Raises as `write_frames`."""
-        self._put(EVENTS, pb.Document, event_to_bytes(event, self.start.run_id, self._events), event.t_ns, self._events)
-        self._events += 1
+        self._put(EVENTS, pb.Document, event_to_bytes(event, self.start.run_id, self.events), event.t_ns, self.events)
+        self.events += 1
 
     def messages(self, item: Frames | Block, edges: Sequence[int]) -> list[LogMessage]:
         """Messages of the stretches of a batch or a block between `edges`, none of them empty, to be given to `write`.
@@ -293,4 +299,5 @@ class LogWriter:
 def _start_metadata(start: StartRecord) -> dict[str, str]:
     """Metadata of the start record, for viewers that do not decode messages."""
     names = ("run_id", "started_ns", "vehicle", "manoeuvre", "wheel_reference", "brakes", "notes", "software")
-    return {name: str(getattr(start, name)) for name in names}
+    part = {PART: start.extra[PART]} if PART in start.extra else {}
+    return {name: str(getattr(start, name)) for name in names} | part

@@ -1,4 +1,7 @@
-"""Reader of run logs: complete, unfinished, truncated or damaged ones, as a whole or piece by piece."""
+"""Reader of run logs: complete, unfinished, truncated or damaged ones, as a whole or piece by piece.
+
+A run that goes on in further files (`formats.run_files`) is read as one, whichever of them is named.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ from lacet.daq.errors import RunError, UsageError, nearest
 from lacet.daq.formats.array_messages import joined_block
 from lacet.daq.formats.events import RunEvent, event_from_bytes
 from lacet.daq.formats.mcap_read import McapScan
+from lacet.daq.formats.run_files import GOES_ON, RunScan, files_of_run
 from lacet.daq.formats.wire import (
     Manifest,
     StartRecord,
@@ -31,11 +35,12 @@ PIECE_SECONDS = 20.0
 
 
 class LogReader:
-    """Reader of one run log, complete or damaged.
+    """Reader of the log of one run, complete or damaged, in all its files.
 
     Attributes
     ----------
     path : the file.
+    files : the files of the run, by number; `path` alone as a rule.
     start : the start record; where it is lost, one reconstructed from the rest, with a line in `damage`.
     stop : the stop record, None when the file has none.
     manifest : number and checksum of the messages stored, None when the log was not closed.
@@ -48,7 +53,8 @@ class LogReader:
 
     def __init__(self, path: str | os.PathLike[str]):
         self.path = Path(path)
-        self._scan = _scan(self.path)
+        self.files = files_of_run(self.path)
+        self._scan = _scan(self.path, self.files)
         self.damage: list[str] = self._scan.damage
         self._topics: dict[str, list[int]] = defaultdict(list)
         for number in self._scan.contents:
@@ -64,6 +70,8 @@ class LogReader:
         self.damage += self._gaps()
         if self.stop is None:
             self.damage.append("no stop record: the recording was not closed; what came after the last chunk is lost")
+        elif self.stop.reason.startswith(GOES_ON):
+            self.damage.append(f"the run {self.stop.reason}, which is missing: put it beside {self.path.name}")
         elif not self._scan.finished:
             self.damage.append("the index at the end is missing or damaged; no data is lost by that")
         self.damage += self._scan.metadata.get(META_RECOVERED, {}).values()
@@ -236,10 +244,10 @@ class LogReader:
         return lines
 
 
-def _scan(path: Path) -> McapScan:
+def _scan(path: Path, files: dict[int, Path]) -> McapScan | RunScan:
     try:
         size = path.stat().st_size
-        scan = McapScan.of(path)
+        scan = McapScan.of(path) if list(files) == [1] else RunScan(files)
     except FileNotFoundError as error:
         beside = [file.name for file in path.parent.glob("*.mcap")] if path.parent.is_dir() else []
         raise RunError(path, [f"there is no such file{nearest(path.name, beside)}"]) from error

@@ -35,7 +35,8 @@ def read_run(path: Path) -> Run:
     if not any(len(block) for block in blocks.values()):
         remedy = "it holds raw frames only: run 'lacet decode' first" if reader.sources() else "it holds no samples"
         raise RunError(path, [remedy, *reader.damage])
-    return build_run(path.stem, reader.start, blocks, reader.damage)
+    name = next(iter(reader.files.values())).stem
+    return build_run(name, reader.start, blocks, reader.damage)
 
 
 def build_run(name: str, start: StartRecord, blocks: Mapping[str, Block], damage: Sequence[str] = ()) -> Run:

@@ -83,6 +83,12 @@ class Contents:
         if log_ns > self.last_ns:
             self.last_ns = log_ns
 
+    def join(self, later: Contents) -> None:
+        """Count the messages of a later file of the run; `segments` and `lasts` stay those of this one."""
+        self.messages += later.messages
+        self.runs += [list(run) for run in later.runs]
+        self.first_ns, self.last_ns = min(self.first_ns, later.first_ns), max(self.last_ns, later.last_ns)
+
     def between(self, start_ns: int, stop_ns: int) -> array[int]:
         """Segments with the messages that reach into a time, begin included; all where log times step back.
 
@@ -135,6 +141,11 @@ class McapScan:
             messages = sum(scan.contents.pop(number).messages for number in lost)
             scan.damage.append(f"{messages} messages belong to no known topic: its definition is lost")
         return scan
+
+    @property
+    def segments(self) -> int:
+        """Number of segments."""
+        return len(self._segments)
 
     def messages(
         self, channels: Iterable[int] | None = None, last: bool = False, between: tuple[int, int] | None = None

@@ -55,6 +55,10 @@ class LogMedium:
         self._thread = threading.Thread(target=self._run, name="log-medium", daemon=True)
         self._sizes = deque([(clock(), self.size())])
 
+    def follow(self, before: LogMedium) -> None:
+        """Go on with the forecast of the file before this one of the run."""
+        self._sizes = before._sizes
+
     def start(self) -> None:
         """Start the thread."""
         self._thread.start()

@@ -23,6 +23,7 @@ import scipy
 import lacet.daq
 import lacet.identify
 import lacet.services
+from lacet.daq.formats.run_files import further_files
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.catalogue import effect_classes
 from lacet.identify.effects.user_files import is_own
@@ -147,8 +148,8 @@ def run_digests(study: Path, runs: Iterable[Path]) -> list[str]:
     for run in runs:
         name, entry = str(run.resolve()), ["", "", "", ""]
         with suppress(OSError):
-            state = run.stat()
-            stamp = [state.st_size, state.st_mtime_ns, state.st_ino]
+            states = [file.stat() for file in (run, *further_files(run))]
+            stamp = [sum(s.st_size for s in states), max(s.st_mtime_ns for s in states), states[0].st_ino]
             before = known.get(name)
             if isinstance(before, list) and len(kept := cast(list[Any], before)) == 4 and kept[:3] == stamp:
                 entry = kept
@@ -161,11 +162,12 @@ def run_digests(study: Path, runs: Iterable[Path]) -> list[str]:
 
 
 def run_digest(run: Path) -> str:
-    """Digest of a file, and of the JSON file beside a CSV."""
+    """Digest of a run: of its file, those it goes on in, and the JSON file beside a CSV."""
     digest = hashlib.sha256()
-    with run.open("rb") as stream:
-        while part := stream.read(1 << 20):
-            digest.update(part)
+    for file in (run, *further_files(run)):
+        with file.open("rb") as stream:
+            while part := stream.read(1 << 20):
+                digest.update(part)
     beside = run.with_suffix(".json")
     if run.suffix.lower() == ".csv" and beside.is_file():
         digest.update(beside.read_bytes())

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from lacet.daq.errors import RunError, UsageError
 from lacet.daq.formats.open_run import open_run
+from lacet.daq.formats.run_files import first_files
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
@@ -97,6 +98,8 @@ def references(places: Sequence[str]) -> list[RunReference]:
     """
     if not places:
         raise UsageError("no run given")
+    here = {str(path) for path in first_files(Path(place) for place in places if "://" not in place)}
+    places = [place for place in places if "://" in place or str(Path(place)) in here]
     if twice := [place for place, often in Counter(places).items() if often > 1]:
         raise UsageError(f"given twice, which would count its samples twice: {', '.join(twice)}")
     paths = [Path(place.partition("://")[2] or place) for place in places]

@@ -17,6 +17,7 @@ from lacet.daq.bus.session import ROUTER
 from lacet.daq.bus.spool import Spool
 from lacet.daq.formats.log import LogReader
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
+from lacet.daq.formats.run_files import first_files
 from lacet.services.acquisition.offer import car_of, offer
 from lacet.services.commands.bus_options import add_keys, credentials_of, link_of, router_of
 from lacet.services.commands.progress import Line
@@ -50,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     """Offer the logs. Returns 0 when each is at a worker, otherwise 3."""
     credentials = credentials_of(args, Role.CAR)
     check_endpoint(args.connect or args.listen or router_of(credentials), credentials)
-    logs = [LogReader(path) for path in args.logs]
+    logs = [LogReader(path) for path in first_files(args.logs)]
     stop = Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())

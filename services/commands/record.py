@@ -30,6 +30,7 @@ from lacet.services.acquisition.log_medium import remaining_text
 from lacet.services.acquisition.own_drivers import OPTION as TRUST
 from lacet.services.acquisition.own_drivers import own_drivers
 from lacet.services.acquisition.recorder import Health, Recorder, Summary
+from lacet.services.acquisition.run_log import Split
 from lacet.services.acquisition.sensor_monitor import SensorState
 from lacet.services.acquisition.stream_decoder import Decoder
 from lacet.services.acquisition.transports.base import Receiver
@@ -53,6 +54,7 @@ goes on.
 
   lacet record --rig peugeot-406 --vehicle peugeot-406 -o run.mcap
   lacet record ... --manoeuvre slalom --brakes off --duration 60
+  lacet record ... --split 10min                           run.mcap, run-2.mcap …: read as one run by every command
   lacet record ... --endpoints wires.json --until-idle 2   what `lacet replay --endpoints wires.json` sends
   lacet record ... --from can0=socketcan:can1              a bus that is somewhere else today
   lacet record ... --listen tls/0.0.0.0:7447 --keys keys/peugeot     workers on other machines (lacet keys)
@@ -82,6 +84,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--endpoints", metavar="FILE", type=Path, help="file that says so, as `lacet replay` writes it")
     parser.add_argument("--duration", metavar="S", type=float, help="stop after S seconds")
+    parser.add_argument(
+        "--split",
+        metavar="10min|1GB",
+        help="go on in a new file of the same run after a time (s, min, h) or size (MB, GB)",
+    )
     parser.add_argument("--until-idle", metavar="S", type=float, help="stop when nothing has come for S seconds")
     place = parser.add_mutually_exclusive_group()
     place.add_argument("--listen", metavar="ENDPOINT", help=f"be the router at (default {ROUTER})")
@@ -100,6 +107,7 @@ def run(args: argparse.Namespace) -> int:
     """Record. Returns 0, or 3 when anything was lost."""
     rig = Rig.load(args.rig)
     vehicle = Vehicle.load(args.vehicle)
+    split = Split.parse(args.split) if args.split else None
     credentials = credentials_of(args, Role.CAR)
     check_endpoint(args.connect or args.listen or router_of(credentials), credentials)
     own = own_drivers(rig, args.trust)
@@ -147,6 +155,7 @@ def run(args: argparse.Namespace) -> int:
             axes=axes,
             notify=line.notify,
             report=lambda health: line.show(describe(health)),
+            split=split,
         )
         line.notify(f"run {start.run_id}: recording {', '.join(rig.buses)} to {args.out}")
         summary = recorder.run(stop, args.duration, args.until_idle, lambda: _ready(args))
@@ -169,6 +178,7 @@ def run(args: argparse.Namespace) -> int:
         {
             "run_id": start.run_id,
             "log": args.out,
+            "files": summary.files,
             "reason": summary.reason,
             "seconds": summary.seconds,
             "frames": summary.frames,

@@ -9,6 +9,7 @@ from pathlib import Path
 from lacet.daq.errors import LacetError, UsageError
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
+from lacet.daq.formats.run_files import first_files
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS, LEAST_DRAWS
 from lacet.services.cache.store import FOLDER, Store
 from lacet.services.commands.progress import Line
@@ -103,7 +104,9 @@ def _new(args: argparse.Namespace, folder: Path) -> tuple[Study, tuple[str, ...]
     there = folder.exists()
     try:
         with Line("import") as line:
-            use, hold = (imported(runs, args.map, folder / "runs", line.progress) for runs in (args.use, args.hold))
+            use, hold = (
+                imported(first_files(runs), args.map, folder / "runs", line.progress) for runs in (args.use, args.hold)
+            )
         first = open_run(use[0])
         study = Study.create(
             folder, use, hold, find_rig(first, args.rig), find_vehicle(first, args.vehicle), filters, args.draws

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from lacet.daq.channels import CHANNELS
 from lacet.daq.formats import mf4
 from lacet.daq.formats.open_run import is_own, open_run
+from lacet.daq.formats.run_files import further_files
 from lacet.daq.maps.mapped_run import map_beside
 from lacet.daq.run import Run, Signal
 from lacet.services.cache.store import Store
@@ -78,7 +79,9 @@ def state_key(path: Path) -> str:
 
 
 def beside(path: Path) -> list[Path]:
-    """Further files that a run is read with: an MDF file's channel map, the metadata of a CSV table."""
+    """Further files that a run is read with: those it goes on in, an MDF file's channel map, a CSV table's metadata."""
+    if path.suffix.lower() == ".mcap" and (further := further_files(path)):
+        return further
     if path.suffix.lower() in mf4.SUFFIXES:
         found = mf4.map_beside(path)
         if found:

@@ -17,6 +17,7 @@ from lacet.daq.errors import LacetError, RunError, UsageError, nearest
 from lacet.daq.formats.log import LogReader
 from lacet.daq.formats.open_run import KINDS, is_own, open_run
 from lacet.daq.formats.result import plain
+from lacet.daq.formats.run_files import first_files
 from lacet.daq.run import Run
 from lacet.identify.car.rows import ROWS, lacking
 from lacet.services.render.row_sources import shortened
@@ -42,6 +43,7 @@ def run_paths(cache: SessionCache) -> dict[str, Path]:
         study = cache.study
         known = {p.resolve() for p in files}
         files += [p for p in (*study.paths(), *study.paths(held=True)) if p.resolve() not in known]
+    files = first_files(files)
     stems = [p.stem for p in files]
     return {p.stem if stems.count(p.stem) == 1 else p.name: p for p in files if not p.name.startswith(".")}
 

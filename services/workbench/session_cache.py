@@ -17,6 +17,7 @@ from typing import Any
 
 from lacet.daq.errors import LacetError, UsageError
 from lacet.daq.formats.result import plain
+from lacet.daq.formats.run_files import further_files
 from lacet.identify.car.manoeuvre_phases import Phases
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
@@ -234,7 +235,7 @@ def compare_payload(version: Version, parts: tuple[Comparison, ...]) -> dict[str
 def stamp_of(study: Study) -> Stamp:
     """State of the study's runs, rig and vehicle on disk. Raises LacetError for a missing run."""
     files = [*study.paths(), *study.paths(held=True), study.folder / "rig.toml", study.folder / "vehicle.toml"]
-    return tuple(one_stamp(file) for file in files)
+    return tuple(one_stamp(file) for path in files for file in (path, *further_files(path)))
 
 
 def one_stamp(file: Path) -> tuple[str, int, int]:

@@ -9,6 +9,7 @@ from typing import Any
 
 from lacet.daq.errors import RunError, UsageError, nearest
 from lacet.daq.formats.log import LogReader, LogWriter
+from lacet.daq.formats.run_files import PART
 from lacet.daq.formats.wire import StartRecord
 from lacet.daq.rig import Rig
 from lacet.identify.progress import silent
@@ -114,7 +115,7 @@ def _text(path: Path) -> str:
 
 
 def _start(reader: LogReader, decoder: Decoder, own: OwnDrivers | None = None) -> StartRecord:
-    extra = dict(reader.start.extra)
+    extra = {key: text for key, text in reader.start.extra.items() if key != PART}  # what is written is one file
     if reader.damage:
         extra["damage"] = "\n".join(reader.damage)
     documents = {**reader.start.documents, **decoder.documents, **(own.documents if own else {})}

@@ -9,6 +9,7 @@ from pathlib import Path
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.errors import LacetError, NotIdentifiable, RigError, RunError, UsageError, VehicleError
 from lacet.daq.formats.open_run import open_log
+from lacet.daq.formats.run_files import first_files
 from lacet.daq.maps.channel_map import ChannelMap
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
@@ -149,6 +150,7 @@ def load(
     """
     if not paths:
         raise UsageError("no run given")
+    paths = first_files(map(Path, paths))
     places = [Path(path).resolve() for path in paths]
     if twice := sorted({str(p) for p in places if places.count(p) > 1}):
         raise UsageError(f"given twice, which would count its samples twice: {', '.join(twice)}")

@@ -136,19 +136,22 @@ def test_little_room_closes_the_log_and_room_again_opens_the_next_of_the_same_ru
             free[0] = RESERVE_BYTES + ROOM_BYTES + 1
 
     found = Recording(tmp_path / "run.mcap", 2.5, act, medium=Medium)
-    first, second = LogReader(tmp_path / "run.mcap"), LogReader(tmp_path / "run-2.mcap")
-    assert first.damage == second.damage == []
-    assert first.stop is not None
-    assert first.stop.reason == "less than 200 MB were free on the disk"
-    assert (first.start.run_id, second.start.run_id) == ("r", "r")
-    assert second.start.extra["part"] == "2"
+    whole = LogReader(tmp_path / "run.mcap")
+    assert [file.name for file in found.summary.files] == ["run.mcap", "run-2.mcap"]
+    assert list(whole.files.values()) == found.summary.files
+    # What the disk could not take is missing in the numbers, and nothing else.
+    assert [line.split(":")[0] for line in whole.damage] == ["/decoded/correvit/speed", "/raw/can0"]
+    assert "less than 200 MB were free on the disk" in [event.text for event in whole.events()]
+    assert whole.start == StartRecord("r", T0, "", whole.start.rig_text)
     assert any("IS CLOSED; publishing goes on" in line for line in found.told)
     assert any("recording goes on in" in line and "run-2.mcap" in line for line in found.told)
-    stored = len(first.frames("can0")) + len(second.frames("can0"))
+    stored = len(whole.frames("can0"))
+    assert whole.stop is not None
+    assert whole.stop.counts["can0"] == stored
     lost = found.summary.losses["can0"]["disk"]
     assert lost > 50
     assert stored + lost == found.wire.sent
-    samples = sum(len(one.blocks()["correvit.speed"]) for one in (first, second))
+    samples = len(whole.blocks()["correvit.speed"])
     assert samples + found.summary.losses["correvit.speed"]["disk"] == found.wire.sent
 
 
