@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +52,13 @@ def signal_of(
     return out
 
 
+class Mark(NamedTuple):
+    """A marker that was set while a run was recorded: when, in seconds since the run's start, and its text."""
+
+    t: float
+    text: str
+
+
 @dataclass(frozen=True)
 class Run:
     """Measured channels of one drive.
@@ -64,6 +72,7 @@ class Run:
     brakes : ``off``, ``used`` or ``unknown``: determines which rows of driven and braked wheels hold.
     vehicle_text, rig_text : full text of the files, where the log holds them.
     problems : faults of the file, one line each.
+    marks : markers that were set while it was recorded, in their order.
 
     Examples
     --------
@@ -85,6 +94,7 @@ class Run:
     vehicle_text: str = ""
     rig_text: str = ""
     problems: tuple[str, ...] = field(default=())
+    marks: tuple[Mark, ...] = ()
 
     @property
     def duration(self) -> float:

@@ -121,10 +121,12 @@ def _allowed(name: str, role: Role) -> list[tuple[str, tuple[str, ...], list[str
     everything, runs = ["lacet/**"], f"lacet/{name}/*"
     match role:
         case Role.CAR:
-            data = [f"{runs}/{part}" for part in ("start", "block/*", "ledger", "manifest", "alive")]
+            data = [f"{runs}/{part}" for part in ("start", "block/*", "ledger", "manifest", "alive", "mark")]
             return [
                 ("ingress", (*_SEND, "declare_queryable"), data),
                 ("ingress", ("declare_subscriber",), [f"{runs}/ack/*"]),
+                ("ingress", ("query",), [f"{runs}/mark"]),  # `lacet mark` in the car itself
+                ("egress", ("reply",), [f"{runs}/mark"]),
                 ("egress", (*_DECLARE, *_ASK), everything),
                 ("egress", ("put",), [f"{runs}/ack/*"]),
             ]

@@ -13,6 +13,7 @@ from typing import Any
 import zenoh
 
 from lacet.daq.bus.digest import RunDigest
+from lacet.daq.bus.marks import requested_text
 from lacet.daq.bus.queue import BoundedQueue
 from lacet.daq.bus.session import LENGTH, QUEUE, REPLY, SEQUENCE, Keys, chunk, short
 from lacet.daq.bus.spool import Spool
@@ -42,6 +43,7 @@ class RunPublisher:
     session : the session at present.
     keys : keys of the run.
     manifest : the manifest, set by `finish`.
+    on_mark : sets a marker of a text in the recording and returns its answer; None where there is none.
     """
 
     def __init__(
@@ -67,7 +69,8 @@ class RunPublisher:
         self._random = random.Random(0)
         self._notify = notify
         self._blocks: BoundedQueue[tuple[str, int, bytes]] = BoundedQueue(QUEUE)
-        self._requests: BoundedQueue[zenoh.Query] = BoundedQueue(1000)
+        self._requests: BoundedQueue[tuple[zenoh.Query, dict[str, Any] | None]] = BoundedQueue(1000)
+        self.on_mark: Callable[[str], dict[str, Any] | None] | None = None
         self._acks: dict[str, dict[str, Any]] = {}
         self._lock = threading.Lock()
         self._handles: list[Any] = []
@@ -91,9 +94,10 @@ class RunPublisher:
         session = self.session
         with self._lock:
             self._handles = [
-                session.declare_queryable(self.keys.key(name), self._requests.put, complete=True)
+                session.declare_queryable(self.keys.key(name), self._on_request, complete=True)
                 for name in ("start", "manifest", "block/*")
             ]
+            self._handles.append(session.declare_queryable(self.keys.key("mark"), self._on_mark))
             self._handles.append(session.declare_subscriber(self.keys.key("ack", "*"), self._on_ack))
             self._handles.append(
                 session.liveliness().declare_token(self.keys.key("alive"))
@@ -151,6 +155,17 @@ class RunPublisher:
         for handle in self._handles:
             handle.undeclare()
 
+    def _on_request(self, query: zenoh.Query) -> None:
+        self._requests.put((query, None))
+
+    def _on_mark(self, query: zenoh.Query) -> None:
+        """Set a marker at once, since its time is now; the answer waits its turn."""
+        text = requested_text(query)
+        if text is None or self.on_mark is None or self.manifest is not None:
+            query.drop()
+        elif (answer := self.on_mark(text)) is not None:
+            self._requests.put((query, answer))
+
     def _on_ack(self, sample: zenoh.Sample) -> None:
         if self.manifest is None or len(sample.payload) > MOST_ACK:
             return
@@ -185,12 +200,16 @@ class RunPublisher:
 
     def _answer_requests(self) -> None:
         while True:
-            query = self._requests.get()
-            if query is None:
+            item = self._requests.get()
+            if item is None:
                 break
+            query, mark = item
             self.last_request = time.monotonic()
             try:
-                self._answer(query)
+                if mark is not None:
+                    query.reply(self.keys.key("mark"), json.dumps({"run_id": self._run_id, **mark}))
+                else:
+                    self._answer(query)
             except zenoh.ZError as error:  # the requester is gone
                 self._notify(f"bus: a request could not be answered ({short(error)})")
             finally:

@@ -9,6 +9,7 @@ Keys, below ``lacet/<car>/<run>/``; the page ``docs/bus.md`` describes them:
 ``manifest``        `Manifest`, at the end: count and checksum of every channel  on request
 ``ack/<worker>``    JSON, a worker has assembled the run
 ``result/<worker>`` JSON, a worker's result                                      on request
+``mark``            JSON, a marker is set: asked for with its text, answered   on request
 ``alive``           liveliness token of the recorder
 ``claim/<worker>``  liveliness token of a worker that would work on the run
 ``working/<worker>`` liveliness token of the worker that does

@@ -19,6 +19,7 @@ class EventKind(StrEnum):
     BUS = "bus"
     HOST_CLOCK = "host_clock"
     LOG = "log"
+    MARK = "mark"
 
 
 @dataclass(frozen=True)
@@ -29,9 +30,10 @@ class RunEvent:
     ----------
     t_ns : when, on the scale of the stamps [ns].
     kind : what it is about.
-    name : sensor or bus; empty for the machine's clock and the log.
-    state : the new state in one word; for the clock ``stepped``, ``start`` or ``stop``.
-    text : a sentence for people.
+    name : sensor or bus; empty for the machine's clock, the log and a marker.
+    state : the new state in one word; for the clock ``stepped``, ``start`` or ``stop``; for a marker where it was set:
+        ``bus`` or ``terminal``.
+    text : a sentence for people, or the marker's own text.
     """
 
     t_ns: int

@@ -44,7 +44,7 @@ def read_table(path: str | Path) -> Run:
     fields["brakes"] = fields["brakes"] or "unknown"
     for key in ("rig", "vehicle"):
         fields[key] = _beside(file, fields[key])
-    return Run(name=file.stem, signals=signals, problems=tuple(problems), **fields)
+    return Run(name=file.stem, signals=signals, problems=tuple(problems), marks=(), **fields)
 
 
 def _beside(file: Path, named: str) -> str:

@@ -12,10 +12,11 @@ from lacet.daq.blocks import UNUSABLE, Block, Flag
 from lacet.daq.channels import CHANNELS
 from lacet.daq.clock import LEVEL_NS, MAX_DRIFT, MISFIT_NS, fit_clock, steady_stamps
 from lacet.daq.errors import RigError, RunError
+from lacet.daq.formats.events import EventKind, RunEvent
 from lacet.daq.formats.log_read import LogReader
 from lacet.daq.formats.wire import StartRecord
 from lacet.daq.rig import Rig
-from lacet.daq.run import BRAKES, Run, Signal
+from lacet.daq.run import BRAKES, Mark, Run, Signal
 from lacet.daq.stuck import STUCK_SECONDS, stuck_samples
 
 
@@ -36,11 +37,17 @@ def read_run(path: Path) -> Run:
         remedy = "it holds raw frames only: run 'lacet decode' first" if reader.sources() else "it holds no samples"
         raise RunError(path, [remedy, *reader.damage])
     name = next(iter(reader.files.values())).stem
-    return build_run(name, reader.start, blocks, reader.damage)
+    return build_run(name, reader.start, blocks, reader.damage, reader.events())
 
 
-def build_run(name: str, start: StartRecord, blocks: Mapping[str, Block], damage: Sequence[str] = ()) -> Run:
-    """A run from decoded blocks by channel, at least one with samples, and their start record."""
+def build_run(
+    name: str,
+    start: StartRecord,
+    blocks: Mapping[str, Block],
+    damage: Sequence[str] = (),
+    events: Sequence[RunEvent] = (),
+) -> Run:
+    """A run from decoded blocks by channel, at least one with samples, their start record, and what happened."""
     problems = [*damage, *(f"the raw log was damaged: {line}" for line in start.extra.get("damage", "").splitlines())]
     problems += start.extra.get("imported", "").splitlines()
     rig = _rig(name, start, problems)
@@ -80,6 +87,7 @@ def build_run(name: str, start: StartRecord, blocks: Mapping[str, Block], damage
         vehicle_text=start.vehicle_text,
         rig_text=start.rig_text,
         problems=tuple(problems),
+        marks=tuple(Mark((e.t_ns - start_ns) / 1e9, e.text) for e in events if e.kind == EventKind.MARK),
     )
 
 

@@ -68,7 +68,12 @@ def read_mf4(path: str | Path) -> Run:
     signals = {name: Signal(one.t - start, one.values, one.flags) for name, one in signals.items()}
     texts = {"vehicle_text": recorded.attached.get(VEHICLE, ""), "rig_text": recorded.attached.get(RIG, "")}
     return Run(
-        name=file.stem, signals=signals, problems=tuple(problems), **texts, **(declared(recorded.attached) | metadata)
+        name=file.stem,
+        signals=signals,
+        problems=tuple(problems),
+        marks=(),
+        **texts,
+        **(declared(recorded.attached) | metadata),
     )
 
 

@@ -49,4 +49,4 @@ def mapped_run(paths: Sequence[str | Path], map_: ChannelMap) -> Run:
         values, flags = (np.concatenate([getattr(piece, what) for piece in pieces]) for what in ("values", "flags"))
         signals[name] = signal_of(name, bases[key], values, flags)
     metadata = dict(map_.metadata)
-    return Run(name=Path(paths[0]).stem, signals=signals, problems=tuple(conversion.notes), **metadata)
+    return Run(name=Path(paths[0]).stem, signals=signals, problems=tuple(conversion.notes), marks=(), **metadata)

@@ -48,14 +48,21 @@ class LogDecoder:
     reader : the log read.
     decoder : decoder of its rig, at its start.
     known : samples that will come late, of an earlier decoder of the same log.
+    between : stamps from which and before which frames are decoded [ns]; None for all.
     """
 
-    def __init__(self, reader: LogReader, decoder: Decoder, known: Late | None = None):
+    def __init__(
+        self,
+        reader: LogReader,
+        decoder: Decoder,
+        known: Late | None = None,
+        between: tuple[int, int] | None = None,
+    ):
         self._decoder = decoder
         self._known = dict(known or {})
-        self._sources = [_Source(name, reader.batches(name)) for name in reader.sources()]
+        self._sources = [_Source(name, _within(reader.batches(name), between)) for name in reader.sources()]
         spans = [reader.span(name) for name in reader.sources()]
-        self._span = min(first for first, _ in spans), max(last for _, last in spans)
+        self._span = between or (min(first for first, _ in spans), max(last for _, last in spans))
         self._open: dict[tuple[bool, str], _Windows] = defaultdict(_Windows)  # not written yet: buses, then channels
         self._front = np.iinfo(np.int64).min  # windows before this one are written
         self._late: dict[tuple[str, int], list[Block]] = defaultdict(list)
@@ -208,6 +215,15 @@ class _Source:
         if new:
             frames = Frames.concat(self.name, new)
             self._read.append(frames, self._read.number(frames.t_ns))
+
+
+def _within(batches: Iterator[Frames], between: tuple[int, int] | None) -> Iterator[Frames]:
+    """The frames from the first to the last one that is stamped between two times [ns], the second not included."""
+    for frames in batches:
+        if between is None:
+            yield frames
+        elif len(inside := np.flatnonzero((frames.t_ns >= between[0]) & (frames.t_ns < between[1]))):
+            yield frames[int(inside[0]) : int(inside[-1]) + 1]
 
 
 def _edges(numbers: NDArray[np.int64]) -> list[int]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +13,7 @@ from threading import Event
 from typing import Any, Protocol
 
 from lacet.daq.blocks import Block
+from lacet.daq.bus.marks import mark_text
 from lacet.daq.bus.publisher import RunPublisher
 from lacet.daq.bus.queue import BoundedQueue
 from lacet.daq.formats.events import EventKind, RunEvent
@@ -27,6 +29,8 @@ from lacet.services.acquisition.transports.reader import Reader
 
 BATCH = 0.1
 """Duration of a batch of frames that are decoded and written together [s]."""
+MOST_MARKS = 50
+"""Most markers that are set within one batch: somebody who asks for more gets no answer."""
 QUEUE_FRAMES = 60_000
 """Capacity of the queue in frames: some eight seconds of a full rig."""
 
@@ -143,6 +147,11 @@ class Recorder:
         self._clock_steps = 0
         self._published_bytes = 0
         self._monitor = SensorMonitor(decoder.watched, time.monotonic())
+        self._begun_ns = self._clock.now_ns()
+        self._marks: deque[RunEvent] = deque(maxlen=MOST_MARKS)
+        self._mark_numbers = itertools.count(1)
+        if publisher is not None:
+            publisher.on_mark = self._mark_asked
         self._reported: tuple[float, Counter[str], Counter[str]] = (0.0, Counter(), Counter())
 
     def run(
@@ -184,6 +193,33 @@ class Recorder:
             self._second(started)
             return self._finish(reason, started)
 
+    def mark(self, text: str, where: str = "terminal") -> RunEvent | None:
+        """Set a marker, now; it is stored within a batch. From any thread.
+
+        Parameters
+        ----------
+        text : what is marked; a number is made for none.
+        where : ``terminal`` or ``bus``.
+
+        Returns None when too many wait to be stored.
+        """
+        if len(self._marks) == MOST_MARKS:
+            return None
+        text = mark_text(text) or f"mark {next(self._mark_numbers)}"
+        event = RunEvent(self._clock.now_ns(), EventKind.MARK, "", where, text)
+        self._marks.append(event)
+        return event
+
+    def _mark_asked(self, text: str) -> dict[str, Any] | None:
+        event = self.mark(text, "bus")
+        return event and {"text": event.text, "seconds": (event.t_ns - self._begun_ns) / 1e9}
+
+    def _store_marks(self) -> None:
+        while self._marks:
+            event = self._marks.popleft()
+            self._log.event(event)
+            self._notify(f"marker '{event.text}' at {(event.t_ns - self._begun_ns) / 1e9:.1f} s")
+
     def _loop(
         self,
         stop: Event,
@@ -204,6 +240,7 @@ class Recorder:
             self._watch_clock()
             self._watch_sensors()
             self._watch_wires()
+            self._store_marks()
             self._log.tick(self.losses)
             if (held_up := time.monotonic() - now) > STALL_SECONDS:
                 self._notify(f"the recording was held up for {held_up:.1f} s; what came in meanwhile waits in memory")
@@ -310,8 +347,11 @@ class Recorder:
 
     def _finish(self, reason: str, started: float) -> Summary:
         losses = self.losses()
+        if self._publisher is not None:
+            self._publisher.on_mark = None  # no marker is answered that would not be stored
         self._watch_clock()
         self._watch_wires()
+        self._store_marks()
         self._log.watch_medium()
         text = f"a power cut could have cost {self._log.power_cut_seconds:.2f} s of the recording at most"
         self._log.event(RunEvent(self._clock.now_ns(), EventKind.LOG, "", "stop", text))

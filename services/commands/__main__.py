@@ -30,7 +30,7 @@ The usual order:
   lacet add       add it, fit again, and see the error fall"""
 
 
-NO_COMMANDS = ("__main__", "bus_options", "progress")
+NO_COMMANDS = ("__main__", "bus_options", "limit_options", "mark_key", "progress")
 """Modules of this folder that are no sub-commands."""
 
 

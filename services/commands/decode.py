@@ -15,6 +15,7 @@ from lacet.daq.sources.bus_log import KINDS, is_raw_log
 from lacet.services.acquisition.other_logs import OPTION, capture_of
 from lacet.services.acquisition.own_drivers import OPTION as TRUST
 from lacet.services.acquisition.own_drivers import own_drivers
+from lacet.services.commands.limit_options import add_limits, limits_of
 from lacet.services.commands.progress import Line
 from lacet.services.progress import planned
 from lacet.services.workspace.decode import decode_log, decoding_plan
@@ -29,6 +30,7 @@ are those recorded in the log, unless others are given. The same input gives the
   lacet decode capture.mcap -o run.mcap
   lacet decode run.mcap -o again.mcap --rig mended.toml
   lacet decode run.mcap -o again.mcap --dbc mended/igel.dbc
+  lacet decode run.mcap -o slalom.mcap --from "slalom begins" --to "slalom ends"     a part, for any other command
 
 A bus log of another tool (candump, BLF, ASC, TRC, or an MDF bus log) is decoded by a rig, with the log's stamps:
 
@@ -54,6 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="file to use for the recorded one of its name",
     )
+    add_limits(parser)
     parser.add_argument(TRUST, action="store_true", help="run the drivers of your own beside the rig file from now on")
     parser.add_argument("--force", action="store_true", help="replace LOG if it exists")
 
@@ -66,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     with Line("decode") as line:
         line.progress(planned(decoding_plan()))
         with _capture(args) as raw:
-            found = decode_log(raw, args.output, args.rig, args.dbc, line.progress, own)
+            found = decode_log(raw, args.output, args.rig, args.dbc, line.progress, own, limits_of(args))
     _report(found)
     write_result(args.json, "decode", found)
     return WITH_LOSSES if found["losses"] or found["absent"] or found["damage"] else DONE

@@ -16,6 +16,7 @@ from lacet.identify.regression.wls import FitOptions, fit
 from lacet.identify.validation.noise_floor import SCORE_DRAWS
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import Comparison, compare, fails, worst_row
+from lacet.services.commands.limit_options import add_limits, limits_of
 from lacet.services.commands.progress import Line
 from lacet.services.progress import ServiceStage, ServiceStep, Stretch, planned
 from lacet.services.render import tables
@@ -37,6 +38,7 @@ the runs cover. Logs carry their rig and vehicle; exchange tables need them name
   lacet identify run1.mcap --pictures pictures
   lacet identify sine.parquet rough.parquet --rig rig.toml --vehicle vehicle.toml
   lacet identify run1.mcap --add anti_roll_bar.front --rows --json fit.json
+  lacet identify run1.mcap --from "slalom begins" --to 42.5     # between markers (lacet mark) or seconds
   lacet identify run1.mcap --robust        # bad seconds count less, and are named
   lacet identify run1.mcap --consistent    # bodies that can exist, and what that costs (docs/consistency.md)
 
@@ -46,6 +48,7 @@ Exit code 3: done, but a run was damaged or left out, or nothing is identifiable
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("runs", metavar="RUN", nargs="+", type=Path, help="decoded log (.mcap), .parquet, .csv or .mf4")
+    add_limits(parser)
     parser.add_argument("--map", metavar="FILE", type=Path, help="channel map of logs that other systems wrote")
     parser.add_argument("--rig", help="rig file, or the name of one shipped; default: the one in the run")
     parser.add_argument("--vehicle", help="vehicle file, or the name of one shipped; default: the one in the run")
@@ -82,7 +85,9 @@ def run(args: argparse.Namespace) -> int:
     with Line("identify") as line:
         line.progress(planned(_stretches(args)))
         filters = default_filters(args.cutoff)
-        loaded = load(args.runs, args.rig, args.vehicle, filters, line.progress, args.map, raw=args.instruments)
+        loaded = load(
+            args.runs, args.rig, args.vehicle, filters, line.progress, args.map, args.instruments, limits_of(args)
+        )
         known = catalogue(loaded.vehicle, loaded.reference)
         model = Model.of([*base_model(loaded.vehicle, loaded.reference), *(find_effect(k, known) for k in args.add)])
         line.progress(ServiceStep(ServiceStage.FITTING))

@@ -148,11 +148,14 @@ def _file(path: Path, map: Path | None = None) -> tuple[int, dict[str, Any]]:
             print(f"  {row} cannot be formed: {', '.join(shortened(channels))} missing")
     if any(c not in run_.signals for row in ROWS if not absent[row] for c in needs(row, reference)):
         print("  other rows take what is missing from other channels, or assume it: lacet info --model RUN says how")
+    for mark in run_.marks:
+        print(f"  marker '{mark.text}' at {mark.t:.2f} s")
     for problem in run_.problems:
         print(f"! {problem}")
     result |= {
         "run": run_.name, "duration": run_.duration, "vehicle": run_.vehicle, "manoeuvre": run_.manoeuvre,
         "channels": {name: len(s.t) for name, s in run_.signals.items()}, "problems": run_.problems,
+        "marks": [{"t": mark.t, "text": mark.text} for mark in run_.marks],
         "rows_missing": {row: c for row, c in absent.items() if c},
     }  # fmt: skip
     return (WITH_LOSSES if run_.problems else status), result

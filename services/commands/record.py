@@ -42,6 +42,7 @@ from lacet.services.acquisition.transports.endpoints import (
     ready_file,
 )
 from lacet.services.commands.bus_options import add_keys, credentials_of, link_of, router_of
+from lacet.services.commands.mark_key import marks_by_key
 from lacet.services.commands.progress import Line
 
 HELP = "record an instrumented car: log, decode, publish"
@@ -158,7 +159,10 @@ def run(args: argparse.Namespace) -> int:
             split=split,
         )
         line.notify(f"run {start.run_id}: recording {', '.join(rig.buses)} to {args.out}")
-        summary = recorder.run(stop, args.duration, args.until_idle, lambda: _ready(args))
+        with marks_by_key(recorder.mark) as keys:
+            if keys:
+                line.notify("Enter sets a marker, with the text typed before it; Ctrl-C ends the run")
+            summary = recorder.run(stop, args.duration, args.until_idle, lambda: _ready(args))
         if args.endpoints is not None:
             ready_file(args.endpoints).unlink(missing_ok=True)
         line.notify(_closing(summary))

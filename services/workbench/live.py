@@ -10,9 +10,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import zenoh
 
 from lacet.daq.bus.credentials import Credentials
 from lacet.daq.bus.listener import BusListener, Message
+from lacet.daq.bus.marks import set_mark
 from lacet.daq.bus.session import open_session
 from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import LacetError, UsageError
@@ -55,6 +57,7 @@ class Live:
         self._recording, self._last = False, 0.0
         self._heard: dict[str, _Heard] = {}
         self._ledger: dict[str, Any] = {}
+        self._session: zenoh.Session | None = None
         self._thread = None
         if endpoint:
             self._thread = threading.Thread(target=self._listen, name="lacet-live", daemon=True)
@@ -81,6 +84,17 @@ class Live:
                 }
             )  # fmt: skip
 
+    def mark(self, text: str) -> dict[str, Any]:
+        """Set a marker, now, in the recording shown; its run, text and time. Raises UsageError when none has it."""
+        with self._lock:
+            session, car, run = self._session, self._car, self._run
+        if session is None or not run:
+            raise UsageError("no recording is heard: start lacet record, and lacet ui with its address (--connect)")
+        found = set_mark(session, text, car, run)
+        if not found:
+            raise UsageError("the recorder did not answer: the run is over, or its link is cut; set the marker again")
+        return found[0]
+
     def _channel(self, name: str, heard: _Heard, now: float) -> dict[str, Any]:
         about = CHANNELS.get(name)
         span = 1e-9 * (heard.blocks[-1][0] - heard.blocks[0][0]) if len(heard.blocks) > 1 else 0.0
@@ -106,10 +120,12 @@ class Live:
             try:
                 listener = BusListener(session)
                 with self._lock:
-                    self._connected, self._why = True, ""
+                    self._connected, self._why, self._session = True, "", session
                 self._follow(listener)
                 listener.close()
             finally:
+                with self._lock:
+                    self._session = None
                 session.close()
 
     def _follow(self, listener: BusListener) -> None:

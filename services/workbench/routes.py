@@ -175,6 +175,15 @@ def live(request: Request) -> Any:
     return bench(request).live.payload()
 
 
+@api.post("/live/mark")
+def mark(request: Request, body: _JSON) -> Any:
+    """Set a marker in the recording."""
+    text = body.get("text", "")
+    if not isinstance(text, str):
+        raise UsageError("text: what is marked")
+    return bench(request).live.mark(text)
+
+
 # -- views ------------------------------------------------------------------------------------------------------------
 
 

@@ -8,10 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from lacet.daq.errors import RunError, UsageError, nearest
+from lacet.daq.formats.events import EventKind
 from lacet.daq.formats.log import LogReader, LogWriter
 from lacet.daq.formats.run_files import PART
 from lacet.daq.formats.wire import StartRecord
 from lacet.daq.rig import Rig
+from lacet.daq.run import Mark
+from lacet.daq.run_limits import RunLimits
 from lacet.identify.progress import silent
 from lacet.services.acquisition.log_decoder import Late, LogDecoder
 from lacet.services.acquisition.own_drivers import OwnDrivers
@@ -27,7 +30,7 @@ def decoding_plan() -> list[Stretch]:
 
 def decode_log(
     raw: Path, output: Path, rig: str | None = None, documents: list[Path] | None = None, progress: Progress = silent,
-    own: OwnDrivers | None = None,
+    own: OwnDrivers | None = None, limits: RunLimits | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Decode the raw frames of a log into a new one, which is complete or not written at all.
 
@@ -37,6 +40,7 @@ def decode_log(
     rig, documents : files to use instead of those recorded.
     progress : receives the per cent done.
     own : drivers of the user's own, which have been trusted.
+    limits : of the part that is decoded, in the stamps of the raw frames.
 
     Returns the result of ``lacet decode`` (``docs/json.md``). Raises LacetError where nothing can be decoded.
     """
@@ -45,19 +49,21 @@ def decode_log(
     if not reader.sources():
         raise RunError(raw, ["no raw frames in it: there is nothing to decode"])
     part = output.with_name(output.name + ".part")
+    between = _between(reader, limits) if limits else None
     known: Late = {}
     try:
         while True:
             damage = len(reader.damage)
             decoder = open_decoder(reader, rig, documents or [], own)
-            log = LogDecoder(reader, decoder, known)
+            log = LogDecoder(reader, decoder, known, between)
             axes = {name: sensor.axes for sensor in decoder.rig.sensors for name in sensor.channels}
             with LogWriter(part, _start(reader, decoder, own), axes=axes, overwrite=True) as writer:
                 for fraction in log.write_to(writer):
                     progress(ServiceStep(ServiceStage.DECODING_LOG, int(99 * fraction), 100))
                 progress(ServiceStep(ServiceStage.WRITING_LOG, 99, 100))
                 for event in reader.events():
-                    writer.write_event(event)
+                    if between is None or between[0] <= event.t_ns <= between[1]:
+                        writer.write_event(event)
                 writer.close(closing_record(reader, decoder, log.last_ns))
             # Damage found on the way belongs into the start record, a late sample into its window: once more with them.
             reader.damage[damage:] = sorted(reader.damage[damage:])
@@ -75,6 +81,17 @@ def decode_log(
         "absent": [name for name in decoder.channels if name not in log.samples],
         "damage": list(reader.damage),
     }
+
+
+def _between(reader: LogReader, limits: RunLimits) -> tuple[int, int]:
+    """Begin and end of a part [ns]; the run starts with its first frame."""
+    start_ns = int(min(next(reader.batches(source)).t_ns[0] for source in reader.sources()))
+    last_ns = max(reader.span(source)[1] for source in reader.sources())
+    marks = [Mark((e.t_ns - start_ns) / 1e9, e.text) for e in reader.events() if e.kind == EventKind.MARK]
+    begin, end = limits.seconds(reader.path.name, marks)
+    if begin > (seconds := (last_ns - start_ns) / 1e9):
+        raise RunError(reader.path, [f"nothing was recorded after {begin:g} s: it has {seconds:.1f} s"])
+    return start_ns + round(begin * 1e9), last_ns + 1 if end > seconds else start_ns + round(end * 1e9)
 
 
 def open_decoder(

@@ -13,6 +13,7 @@ from lacet.daq.formats.run_files import first_files
 from lacet.daq.maps.channel_map import ChannelMap
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
+from lacet.daq.run_limits import RunLimits
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import needs
 from lacet.identify.multibody.chain import GRAVITY, Chain
@@ -138,11 +139,12 @@ def load(
     progress: Progress = silent,
     channel_map: str | Path | None = None,
     raw: bool = False,
+    limits: RunLimits | None = None,
 ) -> Loaded:
     """The runs of files, prepared for fitting; `progress` receives the number prepared.
 
     `channel_map` : map of logs that other systems wrote; lacet's own are read without it. `raw` : keep the runs as read
-    as well, which are larger than what is prepared of them.
+    as well, which are larger than what is prepared of them. `limits` : of the part of each run that is used.
 
     A run that cannot be used is left out with its reason, as long as another can. Runs of the same name are
     distinguished by their folders. Raises the error of the first when none can, UsageError when a run is given twice or
@@ -163,7 +165,7 @@ def load(
     for done, path in enumerate(paths):
         progress(ServiceStep(ServiceStage.READING_RUN, done, len(paths)))
         try:
-            run = _named_apart(open_log(path, by_map), Path(path), places)
+            run = (limits or RunLimits()).of(_named_apart(open_log(path, by_map), Path(path), places))
             warnings += [f"{run.name}: {problem}" for problem in run.problems]
             sensors = sensors or find_rig(run, rig)
             car = car or find_vehicle(run, vehicle)

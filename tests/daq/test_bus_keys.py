@@ -19,6 +19,7 @@ from lacet.daq.bus import publisher as bus_publisher
 from lacet.daq.bus.certificates import Role, make_certificate
 from lacet.daq.bus.credentials import Credentials, check_endpoint
 from lacet.daq.bus.listener import BusListener
+from lacet.daq.bus.marks import set_mark
 from lacet.daq.bus.publisher import RunPublisher
 from lacet.daq.bus.router_file import ROUTER_FILE
 from lacet.daq.bus.session import Keys, common_settings, open_session
@@ -109,6 +110,27 @@ def test_a_certified_car_that_sends_anything_changes_nothing(
     stop.set()
     attacker.join(20.0)
     assert len(sent) >= len(ATTACKS)
+
+
+def test_the_car_and_a_worker_may_set_markers_and_nobody_else(sealed: Sealed):
+    with_spool = Spool()
+    publisher = RunPublisher(sealed.router, "clio", StartRecord("run-1", T0, "", rig_text()), with_spool)
+    asked: list[str] = []
+
+    def on_mark(text: str) -> dict[str, Any]:
+        asked.append(text)
+        return {"text": text, "seconds": 1.5}
+
+    publisher.on_mark = on_mark
+    try:
+        lab = set_mark(sealed.come("lab"), "of the lab")
+        assert lab == [{"run_id": "run-1", "text": "of the lab", "seconds": 1.5}]
+        assert len(set_mark(sealed.come("clio"), "of the car", "clio")) == 1
+        assert set_mark(sealed.come("zoe"), "of another car", "clio") == []
+        assert asked == ["of the lab", "of the car"]
+    finally:
+        publisher.close()
+        with_spool.close()
 
 
 def run_over(car: zenoh.Session, worker_session: zenoh.Session, folder: Path) -> None:

@@ -101,6 +101,11 @@ def test_the_live_car(tmp_path: Path):
             assert (channel["name"], channel["unit"], channel["expected"]) == ("imu.accel", "m/s²", 200.0)
             assert (channel["losses"], channel["flagged"]) == (0, 0)
             assert channel["age"] < 10.0
+            assert "did not answer" in client.post("/api/live/mark", json={"text": "x"}).json()["error"]
+            publisher.on_mark = lambda text: {"text": text, "seconds": 4.0}
+            marked = client.post("/api/live/mark", json={"text": "gravel\x1b[31m"}).json()
+            assert marked == {"run_id": "run-1", "text": "gravel [31m", "seconds": 4.0}
+            assert client.post("/api/live/mark", json={"text": 1}).status_code == 400
     finally:
         publisher.close()
         router.close()

@@ -16,6 +16,25 @@ export async function show(root, app) {
   const head = h("p", { class: "live-head", role: "status", text: "Asking for the car …" });
   const sum = h("p", { class: "live-sum" });
   const body = h("tbody");
+  const text = h("input", { type: "text", id: "live-mark", maxlength: 120, placeholder: "slalom begins" });
+  const marking = h(
+    "form",
+    { class: "bar", hidden: true },
+    h("label", { for: "live-mark", text: "Marker" }),
+    text,
+    h("button", { type: "submit", text: "Mark now" }),
+  );
+  const marked = h("p", { class: "muted", role: "status" });
+  marking.addEventListener("submit", async (event) => {
+    event.preventDefault();
+    try {
+      const found = await app.api.post("api/live/mark", { text: text.value });
+      marked.textContent = `Marked “${found.text}” at ${found.seconds.toFixed(1)} s of the recording.`;
+      text.value = "";
+    } catch (cause) {
+      marked.textContent = cause.message;
+    }
+  });
   const wanted = h("input", { type: "checkbox", id: "live-ill" });
   root.append(
     h(
@@ -27,7 +46,7 @@ export async function show(root, app) {
         text: "What the car sends while it is recording: is every channel there, at its rate, without flags?",
       }),
     ),
-    h("section", { class: "panel" }, head, sum),
+    h("section", { class: "panel" }, head, sum, marking, marked),
     h(
       "section",
       { class: "panel flush" },
@@ -67,6 +86,7 @@ export async function show(root, app) {
     last = live;
     const channels = live.channels ?? [];
     const recording = live.recording ?? Boolean(live.run);
+    marking.hidden = !(live.connected && recording);
     if (!live.connected) {
       head.textContent = live.endpoint ? `No car heard at ${live.endpoint} yet.` : "Not connected to a car.";
       sum.textContent = live.endpoint
