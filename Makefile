@@ -19,7 +19,7 @@ endif
 # would spend seconds on compiling NumPy, SciPy and lacet anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help demo test lint format lock schema test-slow test-vcan benchmark first-work captures seeds coverage fewer blind fresh laws campaign catalogue reference clean moved
+.PHONY: help demo test lint format lock schema test-slow fuzz test-vcan benchmark first-work captures seeds coverage fewer blind fresh laws campaign catalogue reference clean moved
 
 help:
 	@echo 'make demo          the whole chain on committed captures, in 3 minutes (5 with the packages)'
@@ -27,6 +27,7 @@ help:
 	@echo 'make lint          ruff, import contracts, pyright'
 	@echo 'make format        format the sources'
 	@echo 'make test-slow     the studies that are too long for make test, and the property tests with new examples'
+	@echo 'make fuzz          2,000 mutated inputs for every reader, decoder and driver (an hour on two cores)'
 	@echo 'make test-vcan     replay and record on real SocketCAN, in a User-Mode-Linux guest'
 	@echo 'make benchmark     measure decoding, log, bus and fit'
 	@echo 'make first-work    docs/benchmarks/first-work.md anew: how long one waits, against commit f0e8420 (hours; goes on where it was cut off)'
@@ -67,6 +68,9 @@ format: .venv/.dev
 
 test-slow: .venv/.dev
 	@$(PY) -m pytest -m 'slow or hypothesis' --hypothesis-profile=fresh $(ARGS)
+
+fuzz: .venv/.dev
+	@$(PY) -m pytest -n auto -m slow tests/fuzz $(ARGS)
 
 test-vcan: .venv/.dev
 	@$(PY) -m pytest -m slow tests/services/acquisition/test_vcan.py $(ARGS)

@@ -278,10 +278,10 @@ def _sensor(reader: Reader, index: int, row: dict[str, Any], buses: Mapping[str,
         channels = _of_signals(reader, options.get("signals"), place)
     else:
         channels = _channels(reader, patterns, place)
-    bus = row.get("bus")
-    if bus is not None and bus not in buses:
-        reader.fault(f"{place}.bus", f"there is no [bus.{bus}]{nearest(str(bus), buses)}")
-    if (row.get("driver") is None) != (bus is None):
+    driver, bus = (reader.text(row, key, place) if key in row else None for key in ("driver", "bus"))
+    if bus and bus not in buses:
+        reader.fault(f"{place}.bus", f"there is no [bus.{bus}]{nearest(bus, buses)}")
+    if (driver is None) != (bus is None):
         reader.fault(place, "driver and bus go together: give both, or neither for a sensor of exchange tables")
     families = {CHANNELS[channel].family for channel in channels}
     default_axes = CHANNELS[channels[0]].axes if channels else "sensor"
@@ -290,7 +290,7 @@ def _sensor(reader: Reader, index: int, row: dict[str, Any], buses: Mapping[str,
     return Sensor(
         name=str(name),
         channels=channels,
-        driver=row.get("driver"),
+        driver=driver,
         bus=bus,
         axes=reader.choice(row, "axes", place, AXES, default_axes),
         latency=reader.number(row, "latency", place, 0.0, low=0.0),
@@ -348,7 +348,7 @@ def _check_drivers(reader: Reader, sensors: tuple[Sensor, ...], drivers: Collect
         if sensor.driver is not None and sensor.driver not in drivers:
             reader.fault(
                 f"sensor {sensor.name}.driver",
-                f"no driver is called {sensor.driver!r}{nearest(str(sensor.driver), drivers)} (there are: "
+                f"no driver is called {sensor.driver!r}{nearest(sensor.driver, drivers)} (there are: "
                 f"{', '.join(sorted(drivers))}; one of your own is drivers/{sensor.driver}.py beside the rig file)",
             )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from lacet.daq.errors import FileFault, nearest
+from lacet.daq.text_source import is_file
 
 DRIVERS = Path(__file__).resolve().parents[1] / "drivers"
 """Folder of the drivers shipped with lacet. Only the names of its files are looked at here."""
@@ -18,7 +19,7 @@ def driver_files(folder: Path) -> tuple[str, ...]:
 def find_shipped(path: str | Path, folder: str, error: type[FileFault]) -> Path:
     """Path of a file, or of one shipped in ``daq/<folder>`` by its bare name. Raises `error` with the choices."""
     candidate = Path(path)
-    if candidate.is_file():
+    if is_file(candidate):
         return candidate
     shipped = Path(__file__).parent / folder
     names = sorted(file.stem for file in shipped.glob("*.toml"))

@@ -11,6 +11,14 @@ Source = str | PathLike[str]
 """The path of a file, or the text itself."""
 
 
+def is_file(path: Path) -> bool:
+    """Whether there is a file of that name: not where the name is one that no file can have, as one too long."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
 def text_of(source: Source, begins: str, name: str) -> tuple[str, str]:
     """A text, and what it is called in messages: `source` itself where it begins with `begins`, else the file's.
 

@@ -22,6 +22,7 @@ from lacet.daq.maps.channel_map import ChannelMap, MapError
 from lacet.daq.maps.resolution import Key, in_si, resolved
 from lacet.daq.sources.dbc_messages import BusMessage, BusSignal, parse_dbc
 from lacet.daq.sources.source import Series
+from lacet.daq.text_source import is_file
 from lacet.drivers.framework.base import Reader
 from lacet.drivers.framework.can_layout import read_layout
 from lacet.drivers.framework.counters import CounterState, add, follow_counter
@@ -237,7 +238,7 @@ def _tables(signals: Any, folder: Path | None, documents: Mapping[str, str]) -> 
             todo += entry.values()
         elif name in documents:
             out[name] = documents[name]
-        elif folder is not None and (folder / name).is_file():
+        elif folder is not None and is_file(folder / name):
             out[name] = (folder / name).read_bytes().decode("utf-8", "replace")
     return out
 

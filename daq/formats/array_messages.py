@@ -23,6 +23,8 @@ from lacet.daq.errors import LacetError
 from lacet.daq.frames import Frames
 from lacet.daq.schema import lacet_pb2 as pb
 
+EARLIEST_NS, LATEST_NS = -(1 << 61), 1 << 62
+"""Range of stamps [ns]: device clocks that began 73 years ago, and the year 2116. Differences fit in 64 bits."""
 _FIXED = struct.Struct("<Bq")  # key and value of a field of 8 bytes
 
 
@@ -169,10 +171,16 @@ def _joined(messages: Sequence[Any]) -> Block:
 
 
 def _stamps_in(first: Sequence[int], steps: Sequence[Sequence[int]], sizes: Sequence[int]) -> NDArray[np.int64]:
-    """Stamps of several messages, one after the other, from the first stamp and the steps of each."""
+    """Stamps of several messages, one after the other, from the first stamp and the steps of each.
+
+    Raises WireError for stamps so far apart that their differences are no numbers of 64 bits.
+    """
     sums = np.cumsum(np.fromiter(chain.from_iterable(steps), np.int64, sum(sizes)), dtype=np.int64)
     before = np.concatenate((np.zeros(1, np.int64), sums))[np.cumsum([0, *sizes[:-1]])]
-    return sums + np.repeat(np.asarray(first, np.int64) - before, sizes)
+    stamps = sums + np.repeat(np.asarray(first, np.int64) - before, sizes)
+    if len(stamps) and (int(stamps.min()) < EARLIEST_NS or int(stamps.max()) > LATEST_NS):
+        raise WireError("stamps that are no times")
+    return stamps
 
 
 def _stamps_out(t_ns: NDArray[np.int64], edges: Sequence[int]) -> tuple[memoryview | bytes, list[int]]:

@@ -13,6 +13,7 @@ from lacet.daq.channels import CHANNELS, COLUMNS
 from lacet.daq.errors import RunError, nearest
 from lacet.daq.rig import WHEEL_REFERENCES
 from lacet.daq.run import BRAKES, METADATA_KEYS, Run, Signal, signal_of
+from lacet.daq.text_source import is_file
 
 SUFFIXES = (".parquet", ".csv")
 
@@ -50,10 +51,7 @@ def read_table(path: str | Path) -> Run:
 def _beside(file: Path, named: str) -> str:
     """Path of a file that a table names: in the table's own folder where it exists there."""
     beside = file.parent / named
-    try:
-        return str(beside) if beside.is_file() else named
-    except OSError:  # no valid file name
-        return named
+    return str(beside) if is_file(beside) else named
 
 
 def is_exchange_table(path: Path) -> bool:
@@ -67,7 +65,7 @@ def is_exchange_table(path: Path) -> bool:
             from lacet.daq.formats.arrow_tables import column_names  # loads the library of the format
 
             names = column_names(path)
-    except OSError:
+    except (OSError, ValueError):
         return False
     return "t" in names and any(name in COLUMNS for name in names)
 

@@ -23,6 +23,7 @@ from lacet.daq.maps.names import Written, marked, read_names
 from lacet.daq.rig import WHEEL_REFERENCES
 from lacet.daq.run import BRAKES, METADATA_KEYS
 from lacet.daq.sources.source import Reading
+from lacet.daq.text_source import is_file
 from lacet.daq.toml_reader import Reader, dotted
 from lacet.daq.units import Unit, UnitFault, read_unit
 
@@ -172,7 +173,7 @@ def _metadata(reader: Reader, folder: Path) -> dict[str, str]:
     if "brakes" in run:
         reader.choice(run, "brakes", "run", BRAKES, "unknown")
     for key in ("vehicle", "rig"):
-        if out.get(key) and (folder / out[key]).is_file():
+        if out.get(key) and is_file(folder / out[key]):
             out[key] = str(folder / out[key])
     return out
 
@@ -198,7 +199,7 @@ def _reading(reader: Reader, folder: Path) -> Reading:
         files = []
     dbc = tuple(folder / one for one in files)
     for one in dbc:
-        if not one.is_file():
+        if not is_file(one):
             there = [other.name for other in folder.glob("*.dbc")]
             reader.fault("read.dbc", f"there is no file {one}{nearest(one.name, there)}")
     return Reading(
@@ -323,7 +324,7 @@ def _mapped(
                 reader.fault(f"{place}.table", f"its values are in {lookup.y_unit.text}, and {column} is in {wanted}")
         except RunError as cause:
             there = [file.name for file in folder.glob("*.csv")]
-            hint = "" if (folder / str(entry["table"])).is_file() else nearest(str(entry["table"]), there)
+            hint = "" if is_file(folder / str(entry["table"])) else nearest(str(entry["table"]), there)
             reader.fault(f"{place}.table", f"{cause.path}: {'; '.join(cause.faults)}{hint}")
             return None
     return Mapped(column, written, unit, lookup, _delay(reader, entry, place))

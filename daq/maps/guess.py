@@ -181,7 +181,8 @@ def _signed(
     """The proposals with their signs, judged by all of them together."""
     begin = max((float(series[g.name].t[0]) for g, _ in chosen.values()), default=0.0)
     end = min((float(series[g.name].t[-1]) for g, _ in chosen.values()), default=0.0)
-    grid = np.arange(begin, max(begin, end), 1.0 / RATE)
+    length = min(end - begin, LONGEST)  # also where the times of a log jump by years, or are none
+    grid = begin + np.arange(int(length * RATE) + 1 if length > 0.0 else 0) / RATE
     columns: dict[str, Array] = {}
     for column, (one, _) in chosen.items():
         unit = read_unit(one.said_unit or one.unit) if one.said_unit or one.unit else None

@@ -6,6 +6,7 @@ distinguished by their parameter group) are decoded.
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from functools import cached_property
@@ -132,6 +133,15 @@ def parse_dbc(text: str, name: str) -> list[BusMessage]:
         raise DbcError(name, [f"not a DBC file: {cause}"]) from None
     if not isinstance(database, cantools.database.Database):
         raise DbcError(name, ["describes diagnostics, not CAN messages"])
+    faults = [
+        f"message '{entry.name}': signal '{signal.name}' has factor {signal.scale:g} and offset {signal.offset:g}: "
+        "correct them, or remove the signal"
+        for entry in database.messages
+        for signal in entry.signals
+        if not (math.isfinite(signal.scale) and math.isfinite(signal.offset))
+    ]
+    if faults:
+        raise DbcError(name, faults)
     return [_message(entry) for entry in database.messages]
 
 

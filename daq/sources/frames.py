@@ -18,6 +18,8 @@ from lacet.daq.sources.source import fault
 
 FRAMES = 1 << 17
 """Frames that are read at a time."""
+_LATEST = 4e9
+"""Stamps beyond are no times [s]: the year 2096."""
 _CANDUMP = re.compile(r"^\s*\(\d+\.\d+\)\s+\S+\s+[0-9A-Fa-f]+#")
 SUFFIXES = {".blf": "BLF", ".asc": "ASC", ".trc": "TRC"}
 
@@ -73,6 +75,8 @@ def read_frames(path: Path, kind: str) -> Iterator[BusFrames]:
                 read += 1
                 if message.is_error_frame or message.is_remote_frame:
                     continue
+                if not (abs(message.timestamp) < _LATEST and 0 <= message.arbitration_id < EXTENDED):
+                    raise ValueError(f"identifier {message.arbitration_id:#x} at {message.timestamp} s")
                 held.append(message)
                 if len(held) >= FRAMES:
                     yield _packed(held, buses)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,11 +13,13 @@ import numpy as np
 
 from lacet.daq.sources.columns import find_time, is_time_name, with_unit
 from lacet.daq.sources.shares import SharedSource, Stored
-from lacet.daq.sources.source import Listed, Reading, fault
+from lacet.daq.sources.source import Listed, Reading, fault, read_by_library
 
 _HEAD = 500
 _DATA = ("data", "values", "value", "signal", "y")
 _UNIT = ("unit", "units", "einheit")
+_HEAD_BYTES, _COMPRESSED, _PIECE = 128, 15, 1 << 16
+"""Of a version 5 file: length of its header [byte], type of a compressed element; bytes unpacked at a time."""
 _MOST_COLUMNS = 64
 """Most columns of a matrix that become series."""
 
@@ -69,18 +73,15 @@ class MatSource(SharedSource):
         if b"MATLAB 7.3" in begin or begin.startswith(b"\x89HDF"):
             import h5py
 
-            try:
+            with read_by_library(self.path, "as MATLAB 7.3"):
                 self._file = h5py.File(self.path, "r")
-            except OSError as cause:
-                raise fault(self.path, f"cannot be read as MATLAB 7.3 (truncated?): {cause}") from None
-            yield from _hdf(self._file, "")
+                yield from list(_hdf(self._file, ""))
             return
         from scipy.io import loadmat
 
-        try:
+        with read_by_library(self.path, "as a MATLAB file"):
+            _check_packed(self.path)
             found = loadmat(self.path, struct_as_record=False, squeeze_me=True)
-        except Exception as cause:  # SciPy raises exceptions of many kinds for truncated files
-            raise fault(self.path, f"cannot be read as a MATLAB file (truncated or another kind?): {cause}") from None
         for name, value in found.items():
             if not name.startswith("__"):
                 yield from _plain(name, value)
@@ -93,9 +94,13 @@ class MatSource(SharedSource):
             wanted = name in (reading.time, f"{reading.time}") if reading.time else is_time_name(last)
             if leaf.width != 1 or not wanted:
                 continue
-            head = {last: leaf.read(0, min(_HEAD, leaf.count), 0)}
+            with read_by_library(self.path, f"at the beginning of '{name}'"):
+                head = {last: leaf.read(0, min(_HEAD, leaf.count), 0)}
             unit = _unit_of(name, texts) or with_unit(name.rpartition(".")[2])[1]
-            found = find_time(head, {last: unit}, last if reading.time else "", reading.time_unit)
+            try:
+                found = find_time(head, {last: unit}, last if reading.time else "", reading.time_unit)
+            except ValueError as cause:
+                raise fault(self.path, str(cause)) from None
             if found is None:
                 continue
             origin = float(head[last][0]) * found.factor if found.epoch else 0.0
@@ -126,6 +131,32 @@ class MatSource(SharedSource):
         """Close the file."""
         if self._file is not None:
             self._file.close()
+
+
+def _check_packed(path: Path) -> None:
+    """Raise an error of zlib or ValueError where a compressed variable of a version 5 file is damaged.
+
+    SciPy's compiled reader goes on with what it has unpacked so far, and may end the process.
+    """
+    with path.open("rb") as stream:
+        head = stream.read(_HEAD_BYTES)
+        if head[124:128] not in (b"\x00\x01IM", b"\x01\x00MI"):
+            return  # version 4 has no compressed ones
+        order = "<" if head[126:128] == b"IM" else ">"
+        while len(tag := stream.read(8)) == 8:
+            kind, remaining = struct.unpack(order + "II", tag)
+            if kind != _COMPRESSED:
+                stream.seek(remaining, 1)
+                continue
+            packed = zlib.decompressobj()
+            while remaining > 0 and (piece := stream.read(min(remaining, _PIECE))):
+                remaining -= len(piece)
+                rest = piece
+                while rest:
+                    packed.decompress(rest, _PIECE)
+                    rest = packed.unconsumed_tail
+            if not packed.eof:
+                raise ValueError("a compressed variable ends too early")
 
 
 def _unit_of(name: str, texts: dict[str, str]) -> str:
@@ -183,6 +214,8 @@ def _hdf(group: Any, before: str) -> Iterator[tuple[str, _Leaf]]:
         full = f"{before}.{name}" if before else name
         if isinstance(item, h5py.Group):
             yield from _hdf(item, full)
+            continue
+        if getattr(item, "shape", None) is None:  # a broken link, a named type, an empty data set
             continue
         kind = item.attrs.get("MATLAB_class", b"")
         kind = kind.decode() if isinstance(kind, bytes) else str(kind)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
-from lacet.daq.sources.source import PIECE_SAMPLES, Listed, Piece, Reading, Series, Source, fault
+from lacet.daq.sources.source import PIECE_SAMPLES, Listed, Piece, Reading, Series, Source, fault, read_by_library
 
 _PROBED = 5
 """Messages of a topic whose fields are listed."""
@@ -22,61 +23,56 @@ class McapMessages(Source):
 
     def __init__(self, path: Path, reading: Reading):
         super().__init__(path)
-        from mcap.exceptions import McapError
-        from mcap.reader import make_reader
-
-        self._fail = McapError
-        try:
-            with path.open("rb") as stream:
-                reader = make_reader(stream, decoder_factories=_factories())
-                summary = reader.get_summary()
-                channels = dict(summary.channels) if summary else {}
-                counts = dict(summary.statistics.channel_message_counts) if summary and summary.statistics else {}
-                self._total = max(1, sum(counts.values()))
-                seen: dict[str, int] = {}
-                for schema, channel, message in reader.iter_messages():
-                    if seen.get(channel.topic, 0) >= _PROBED:
-                        if len(seen) == len({one.topic for one in channels.values()}):
-                            break
-                        continue
-                    seen[channel.topic] = seen.get(channel.topic, 0) + 1
-                    if self.start_ns is None:
-                        self.start_ns = message.log_time
-                    decoded = self._decode(reader, schema, channel, message)
-                    for name, _ in _numbers(decoded, _topic(channel.topic)):
-                        what = schema.name if schema else channel.message_encoding
-                        self.listed.setdefault(name, Listed(name, "", counts.get(channel.id), what))
-        except (McapError, OSError, UnicodeDecodeError) as cause:
-            raise fault(path, f"cannot be read as MCAP (truncated or another kind of file?): {cause}") from None
+        with read_by_library(path, "as MCAP"), path.open("rb") as stream:
+            reader = _reader(stream)
+            summary = reader.get_summary()
+            channels = dict(summary.channels) if summary else {}
+            counts = dict(summary.statistics.channel_message_counts) if summary and summary.statistics else {}
+            self._total = max(1, sum(counts.values()))
+            seen: dict[str, int] = {}
+            for schema, channel, message in reader.iter_messages():
+                if seen.get(channel.topic, 0) >= _PROBED:
+                    if len(seen) == len({one.topic for one in channels.values()}):
+                        break
+                    continue
+                seen[channel.topic] = seen.get(channel.topic, 0) + 1
+                if self.start_ns is None:
+                    self.start_ns = message.log_time
+                decoded = self._decode(reader, schema, channel, message)
+                for name, _ in _numbers(decoded, _topic(channel.topic)):
+                    what = schema.name if schema else channel.message_encoding
+                    self.listed.setdefault(name, Listed(name, "", counts.get(channel.id), what))
         if not self.listed:
             raise fault(path, *(self.notes or ["it holds no messages with numbers"]))
 
     def pieces(self, names: Collection[str]) -> Iterator[Piece]:
         """A bounded number of messages at a time."""
-        from mcap.reader import make_reader
-
         wanted = {name.split(".", 1)[0] for name in names}
         rows: dict[str, list[tuple[float, dict[str, float]]]] = {}
         read, held = 0, 0
-        try:
-            with self.path.open("rb") as stream:
-                reader = make_reader(stream, decoder_factories=_factories())
+        with self.path.open("rb") as stream:
+            reader = _reader(stream)
+            with read_by_library(self.path, "as MCAP"):
                 summary = reader.get_summary()
-                topics = [c.topic for c in summary.channels.values()] if summary else None
-                chosen = None if topics is None else [t for t in topics if _topic(t) in wanted]
-                for schema, channel, message in reader.iter_messages(topics=chosen):
-                    decoded = self._decode(reader, schema, channel, message)
-                    stamp = _stamp(decoded)
-                    t = ((message.log_time if stamp is None else stamp) - (self.start_ns or 0)) / 1e9
-                    key = _topic(channel.topic)
-                    rows.setdefault(key, []).append((t, dict(_numbers(decoded, key))))
-                    read, held = read + 1, held + 1
-                    if held >= PIECE_SAMPLES:
-                        self.done = read / self._total
-                        yield _series(rows, names)
-                        rows, held = {}, 0
-        except (self._fail, OSError, UnicodeDecodeError) as cause:
-            raise fault(self.path, f"behind message {read}: {cause}") from None
+            topics = [c.topic for c in summary.channels.values()] if summary else None
+            chosen = None if topics is None else [t for t in topics if _topic(t) in wanted]
+            messages = reader.iter_messages(topics=chosen)
+            while True:
+                with read_by_library(self.path, f"behind message {read}"):
+                    found = next(messages, None)
+                if found is None:
+                    break
+                schema, channel, message = found
+                decoded = self._decode(reader, schema, channel, message)
+                stamp = _stamp(decoded)
+                t = ((message.log_time if stamp is None else stamp) - (self.start_ns or 0)) / 1e9
+                key = _topic(channel.topic)
+                rows.setdefault(key, []).append((t, dict(_numbers(decoded, key))))
+                read, held = read + 1, held + 1
+                if held >= PIECE_SAMPLES:
+                    self.done = read / self._total
+                    yield _series(rows, names)
+                    rows, held = {}, 0
         self.done = 1.0
         yield _series(rows, names)
 
@@ -96,11 +92,14 @@ class McapMessages(Source):
             return None
 
 
-def _factories() -> list[Any]:
+def _reader(stream: BinaryIO) -> Any:
+    """A reader of messages that takes no record for longer than the file."""
+    from mcap.reader import SeekingReader
     from mcap_protobuf.decoder import DecoderFactory as Protobuf
     from mcap_ros2.decoder import DecoderFactory as Ros2
 
-    return [Protobuf(), Ros2()]
+    size = os.fstat(stream.fileno()).st_size
+    return SeekingReader(stream, decoder_factories=[Protobuf(), Ros2()], record_size_limit=size)
 
 
 def _decoder(reader: Any, schema: Any, channel: Any) -> Callable[[bytes], Any] | None:

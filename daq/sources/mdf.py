@@ -12,6 +12,10 @@ import numpy as np
 from lacet.daq.sources.shares import SharedSource, Stored
 from lacet.daq.sources.source import Array, Listed, Reading, fault
 
+_VIRTUAL = (3, 6)
+"""Types of channels without bytes in the record."""
+_MOST_PACKED = 1100
+"""Factor by which DEFLATE can pack data at most (1032), and a little."""
 BUS_CHANNEL = "CAN_DataFrame"
 """Channel that a raw log of a bus has."""
 
@@ -29,15 +33,38 @@ def open_mdf(path: Path) -> Any:
 
     # A truncated file makes the library raise any exception, and a second one when its object is deleted.
     hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
-    why = ""
     try:
-        return MDF(path)
-    except Exception as cause:
-        why = str(cause)
-    finally:
+        try:
+            mdf = MDF(path)
+            why = _wrong_sizes(mdf, path.stat().st_size)
+            if not why:
+                return mdf
+            mdf.close()
+        except Exception as cause:
+            why = str(cause) or type(cause).__name__
         gc.collect()
+    finally:
         sys.unraisablehook = hook
-    raise fault(path, f"cannot be read as MDF (truncated?): {why}")
+    raise fault(path, f"cannot be read as MDF (truncated or damaged?): {why}")
+
+
+def _wrong_sizes(mdf: Any, size: int) -> str:
+    """The first channel or block of an MDF 4 file of `size` bytes that reaches beyond what it is in; empty for none.
+
+    The library's compiled part would read and write beyond its arrays there, which ends the process.
+    """
+    for index, group in enumerate(mdf.groups):
+        record = getattr(group.channel_group, "samples_byte_nr", None)
+        if record is None:  # MDF 3
+            continue
+        for channel in group.channels:
+            end = channel.byte_offset + (channel.bit_offset + channel.bit_count + 7) // 8
+            if channel.channel_type not in _VIRTUAL and end > record:
+                return f"channel '{channel.name}' of group {index} ends at byte {end} of a record of {record}"
+        for block in group.data_blocks or ():
+            if block.compressed_size > size or block.original_size > _MOST_PACKED * max(1, block.compressed_size):
+                return f"a block of group {index} claims {block.original_size} bytes"
+    return ""
 
 
 def start_of(mdf: Any) -> int | None:

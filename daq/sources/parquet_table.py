@@ -20,6 +20,7 @@ from lacet.daq.sources.source import (
     Series,
     Source,
     fault,
+    read_by_library,
     resolve,
     unique,
 )
@@ -34,12 +35,10 @@ class ParquetTable(Source):
 
     def __init__(self, path: Path, reading: Reading):
         super().__init__(path)
-        try:
+        with read_by_library(path, "as Parquet"):
             self._file = pq.ParquetFile(path)
             schema, self._rows = self._file.schema_arrow, self._file.metadata.num_rows
             head = next(self._file.iter_batches(_HEAD), None)
-        except (pa.ArrowException, OSError) as cause:
-            raise fault(path, f"cannot be read as Parquet (truncated or another kind of file?): {cause}") from None
         split = [with_unit(name) for name in schema.names]
         self._columns: dict[str, str] = {}
         heads: dict[str, Array] = {}

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lacet.daq.sources.source import PIECE_SAMPLES, Array, Listed, Piece, Series, Source
+from lacet.daq.sources.source import PIECE_SAMPLES, Array, Listed, Piece, Series, Source, read_by_library
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,9 @@ class SharedSource(Source):
                 if stop == start:
                     continue
                 place = (key, stored.count)
-                if place not in shared:
-                    shared[place] = self.bases[key].read(start, stop)
-                piece[name] = Series(shared[place], stored.read(start, stop))
+                with read_by_library(self.path, f"from sample {start} of '{name}' on"):
+                    if place not in shared:
+                        shared[place] = self.bases[key].read(start, stop)
+                    piece[name] = Series(shared[place], stored.read(start, stop))
             self.done = (part + 1) / parts
             yield piece

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -12,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.daq.errors import RunError, nearest
+from lacet.daq.errors import LacetError, RunError, nearest
 
 Array = NDArray[np.float64]
 
@@ -168,6 +169,21 @@ def read_all(source: Source, names: Collection[str]) -> dict[str, Series]:
             joined[key] = np.concatenate([one.t for one in series])
         out[name] = Series(joined[key], np.concatenate([one.values for one in series]))
     return out
+
+
+@contextmanager
+def read_by_library(path: Path, what: str) -> Iterator[None]:
+    """A block in which a library reads a file: what it raises for a damaged one, of any type, becomes a RunError.
+
+    `what` : the format or the place in the file, ``as TDMS``.
+    """
+    try:
+        yield
+    except LacetError:
+        raise
+    except Exception as cause:
+        why = str(cause) or type(cause).__name__
+        raise fault(path, f"cannot be read {what} (truncated, damaged or another kind of file?): {why}") from cause
 
 
 def fault(path: Path, *says: str) -> RunError:

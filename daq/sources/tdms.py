@@ -9,7 +9,7 @@ import numpy as np
 
 from lacet.daq.sources.columns import find_time, is_time_name, with_unit
 from lacet.daq.sources.shares import SharedSource, Stored
-from lacet.daq.sources.source import Array, Listed, Reading, fault
+from lacet.daq.sources.source import Array, Listed, Reading, fault, read_by_library
 
 _HEAD = 500
 
@@ -21,35 +21,33 @@ class TdmsSource(SharedSource):
         super().__init__(path)
         from nptdms import TdmsFile
 
-        try:
-            self._file = TdmsFile.open(path)
-        except Exception as cause:  # npTDMS raises exceptions of several kinds for truncated files
-            raise fault(path, f"cannot be read as TDMS (truncated or another kind of file?): {cause}") from None
         without: list[str] = []
-        for group in self._file.groups():
-            channels = [c for c in group.channels() if len(c) and c.dtype is not None and c.dtype.kind in "iufbM"]
-            key, base = self._time_channel(group.name, channels, reading)
-            for channel in channels:
-                if base is not None and channel.name == key:
-                    continue
-                name, unit = with_unit(channel.name)
-                unit = str(channel.properties.get("unit_string", "") or unit).strip()
-                step = float(channel.properties.get("wf_increment", 0.0) or 0.0)
-                own: Stored | None = base if base is not None and base.count == len(channel) else None
-                place = f"{group.name}/{key}"
-                if step > 0.0:
-                    own, place = _waveform(channel, step), f"{group.name}/{channel.name}"
-                    place = f"waveform {step} {channel.properties.get('wf_start_offset', 0.0)} {len(channel)}"
-                    self._start(channel)
-                elif reading.rate:
-                    own, place = Stored(len(channel), lambda a, b: np.arange(a, b) / reading.rate), "rate"
-                if own is None:
-                    without.append(f"{group.name}.{name}")
-                    continue
-                full = f"{group.name}.{name}"
-                if full not in self.listed:
-                    at = Listed(full, unit, len(channel), f"group {group.name}")
-                    self.add(at, Stored(len(channel), _reader(channel)), place, own)
+        with read_by_library(path, "as TDMS"):
+            self._file = TdmsFile.open(path)
+            for group in self._file.groups():
+                channels = [c for c in group.channels() if len(c) and c.dtype is not None and c.dtype.kind in "iufbM"]
+                key, base = self._time_channel(group.name, channels, reading)
+                for channel in channels:
+                    if base is not None and channel.name == key:
+                        continue
+                    name, unit = with_unit(channel.name)
+                    unit = str(channel.properties.get("unit_string", "") or unit).strip()
+                    step = float(channel.properties.get("wf_increment", 0.0) or 0.0)
+                    own: Stored | None = base if base is not None and base.count == len(channel) else None
+                    place = f"{group.name}/{key}"
+                    if step > 0.0:
+                        own, place = _waveform(channel, step), f"{group.name}/{channel.name}"
+                        place = f"waveform {step} {channel.properties.get('wf_start_offset', 0.0)} {len(channel)}"
+                        self._start(channel)
+                    elif reading.rate:
+                        own, place = Stored(len(channel), lambda a, b: np.arange(a, b) / reading.rate), "rate"
+                    if own is None:
+                        without.append(f"{group.name}.{name}")
+                        continue
+                    full = f"{group.name}.{name}"
+                    if full not in self.listed:
+                        at = Listed(full, unit, len(channel), f"group {group.name}")
+                        self.add(at, Stored(len(channel), _reader(channel)), place, own)
         if without:
             self.notes.append(f"without wf_increment or a time channel in the group: {', '.join(without[:6])}")
         if not self.listed:
@@ -63,7 +61,12 @@ class TdmsSource(SharedSource):
             units = {channel.name: str(channel.properties.get("unit_string", "") or with_unit(channel.name)[1])}
             stamps = channel.dtype.kind == "M"
             head = {channel.name: _seconds(channel[0 : min(_HEAD, len(channel))])}
-            found = find_time(head, {channel.name: "s"} if stamps else units, channel.name, reading.time_unit)
+            try:
+                found = find_time(head, {channel.name: "s"} if stamps else units, channel.name, reading.time_unit)
+            except ValueError as cause:
+                if asked:
+                    raise fault(self.path, str(cause)) from None
+                found = None
             if found is None:
                 continue
             read, origin = _reader(channel), 0.0

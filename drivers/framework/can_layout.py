@@ -10,6 +10,7 @@ from pathlib import Path
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.errors import DbcError, nearest
 from lacet.daq.sources.dbc_messages import dbc_text
+from lacet.daq.text_source import is_file
 from lacet.drivers.framework import dbc
 
 FOLDER = Path(__file__).parents[1] / "dbc"
@@ -95,7 +96,7 @@ def read_layout(file: object, folder: Path | None, documents: Mapping[str, str])
         return file, documents[file]
     places = [place / file for place in (folder, FOLDER) if place is not None]
     for path in places:
-        if path.is_file():
+        if is_file(path):
             try:
                 data = path.read_bytes()
             except OSError as error:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
 import cantools.database
-import numpy as np
 
 from lacet.daq.can_signal import Signal
 from lacet.daq.errors import DbcError
@@ -85,14 +85,14 @@ def _signal(signal: Any, faults: list[str], message: str) -> Signal:
         )
     )
     factor, offset = float(signal.scale), float(signal.offset)
-    if factor == 0.0:
-        faults.append(f"message '{message}': signal '{signal.name}' has factor 0")
-        factor = 1.0
-    bounds = [bound for bound in (signal.minimum, signal.maximum) if bound is not None]
+    if factor == 0.0 or not math.isfinite(factor) or not math.isfinite(offset):
+        faults.append(f"message '{message}': signal '{signal.name}' has factor {factor:g} and offset {offset:g}")
+        factor, offset = 1.0, 0.0
+    bounds = [bound for bound in (signal.minimum, signal.maximum) if bound is not None and math.isfinite(bound)]
     if len(bounds) == 2:
         # The bound itself is inside the range: rounding of minimum / factor must not exclude it.
-        ends = sorted((bound - offset) / factor for bound in bounds)
-        low, high = max(low, int(np.ceil(ends[0] - 1e-6))), min(high, int(np.floor(ends[1] + 1e-6)))
+        ends = [min(max(end, low - 1), high + 1) for end in sorted((bound - offset) / factor for bound in bounds)]
+        low, high = max(low, math.ceil(ends[0] - 1e-6)), min(high, math.floor(ends[1] + 1e-6))
         if low >= high:
             faults.append(f"message '{message}': signal '{signal.name}' has no range between minimum and maximum")
     return Signal(

@@ -71,9 +71,11 @@ def read_states(folder: Path) -> list[RunState]:
             if content.pop("format") != FORMAT:
                 continue
             state = RunState(**{**content, "notes": tuple(content["notes"])})
-        except (OSError, ValueError, TypeError, KeyError, AttributeError):
+            texts = (state.car, state.run, state.log, state.digest, *state.notes)
+            there = all(isinstance(text, str) for text in texts) and (folder / state.log).is_file()
+        except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
             continue
-        if (folder / state.log).exists():
+        if there:
             found.append(state)
     return found
 

@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 from lacet.daq.blocks import Block
 from lacet.daq.channels import CHANNELS
 from lacet.daq.formats import wire
+from lacet.daq.formats.array_messages import EARLIEST_NS, LATEST_NS
 from lacet.daq.frames import Frames
 
-NS = st.integers(-(2**62), 2**62)
+NS = st.integers(EARLIEST_NS, LATEST_NS)
 COUNT = st.integers(0, 2**63)
 LOSSES = st.dictionaries(st.text(), st.dictionaries(st.text(), COUNT, max_size=3), max_size=3)
 TEXTS = st.dictionaries(st.text(), st.text(), max_size=3)
