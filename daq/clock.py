@@ -34,6 +34,21 @@ STEP_NS = 20_000_000
 """Smallest lasting step that is one when `STRETCH` samples show it [ns]: more than one period of the slowest timer that
 holds samples back, 16 ms of a USB serial adapter."""
 
+SHOWN_NS = 4_000_000
+"""Smallest step that is one when the device stamps show it themselves [ns]: the interval between two of them is longer
+or shorter by as much as the least delays step. So steps of 5 ms and more are followed; least delays scatter by less."""
+
+ALIKE_NS = 2_000_000
+"""Difference of the two steps, of stamps and of delays, up to which they are the same, if it is less than half of them
+[ns]. Through a timer of 16 ms the least delays of 2 ms samples step by 2 ms themselves."""
+
+AROUND_NS = 2_000_000_000
+"""Time before and after a shown step in which the least delays are taken [ns]."""
+
+UNEVEN = 0.05
+"""Share of intervals between device stamps that may differ from the usual one: a sensor that samples when it likes
+shows no steps."""
+
 MISFIT_NS = 5_000_000
 """Largest delay of the least delayed sample of a window of `LEVEL_NS` for which its stamps are believed [ns]. Where
 every sample is later, the line is not that of the clock there."""
@@ -136,6 +151,7 @@ def fit_clock(arrival_ns: NDArray[np.int64], device_ns: NDArray[np.int64], step_
         raise ValueError(f"{len(arrival)} arrivals, {len(device)} device stamps")
     lag = arrival - device
     group, outlier = _stretches(lag, device, arrival, step_ns)
+    group = _parted_at(group, _shown_steps(lag, device, arrival, group))
     found = _fit(arrival, device, group, outlier)
     if len(found.doubtful) and np.any(early := _early_alone(lag) & ~outlier):
         found = _fit(arrival, device, group, outlier | early)
@@ -176,6 +192,48 @@ def _fit(
     )
 
 
+def _shown_steps(
+    lag: NDArray[np.int64], device: NDArray[np.int64], arrival: NDArray[np.int64], group: NDArray[np.int64]
+) -> list[int]:
+    """First samples after steps of a device clock that are too small to be distinguished from a delay, but shown by it.
+
+    A clock that is set forward makes one interval between its own stamps longer and all delays after it shorter by the
+    same amount. A lost sample changes no delay, and a delay no interval.
+    """
+    intervals = np.diff(device)
+    if len(intervals) < STRETCH:
+        return []
+    step = intervals - int(np.median(intervals))
+    candidates = np.flatnonzero((np.abs(step) >= SHOWN_NS) & (np.abs(step) <= JUMP_NS)) + 1
+    if len(candidates) > UNEVEN * len(intervals):
+        return []
+    out: list[int] = []
+    for at in candidates.tolist():
+        # No further than the steps on either side, which would hide it.
+        first, last = np.searchsorted(group, [group[at], group[at] + 1]).tolist()
+        first = max(first, out[-1] if out else 0)
+        before = slice(first + int(np.searchsorted(arrival[first:at], arrival[at] - AROUND_NS)), at)
+        after = slice(at, at + int(np.searchsorted(arrival[at:last], arrival[at] + AROUND_NS)))
+        around = [arrival[side] for side in (before, after)]
+        # What a stall held back comes at once, and shows no level.
+        if any(len(side) < STRETCH // 2 or side[-1] - side[0] < AROUND_NS // 4 for side in around):
+            continue
+        size = int(step[at - 1])
+        # The least delays, and the third least ones: one or two wrong stamps are no level.
+        levels = [np.partition(lag[side], 2)[[0, 2]] for side in (before, after)]
+        apart = int(np.abs(levels[1] - levels[0] + size).max())
+        if apart <= ALIKE_NS and 2 * apart < abs(size):
+            out.append(at)
+    return out
+
+
+def _parted_at(group: NDArray[np.int64], steps: Sequence[int]) -> NDArray[np.int64]:
+    """(N,) numbers of stretches, with further ones from these samples on."""
+    further = np.zeros(len(group), np.int64)
+    further[list(steps)] = 1
+    return group + np.cumsum(further)
+
+
 def _early_alone(lag: NDArray[np.int64]) -> NDArray[np.bool_]:
     """(N,) samples more than `MISFIT_NS` earlier than any of `STRETCH` before and after them: their stamps are wrong.
 
@@ -190,7 +248,7 @@ def _early_alone(lag: NDArray[np.int64]) -> NDArray[np.bool_]:
 def _least_in_windows(delay: NDArray[np.int64], arrival: NDArray[np.int64]) -> NDArray[np.int64]:
     """(N,) least delay in the window of each sample [ns]; 0 in windows with half of `WINDOW_SAMPLES`, or fewer."""
     since = np.maximum.accumulate(arrival - arrival[0])
-    length = max(LEVEL_NS, WINDOW_SAMPLES * int(since[-1]) // len(arrival))
+    length = min(max(LEVEL_NS, WINDOW_SAMPLES * int(since[-1]) // len(arrival)), np.iinfo(np.int64).max)
     number = np.minimum(since // length, max(0, int(since[-1]) // length - 1))  # what remains belongs to the last
     begins = np.flatnonzero(np.diff(number, prepend=-1))
     counts = np.diff(np.append(begins, len(number)))

@@ -200,15 +200,53 @@ def test_a_rate_that_is_no_quartz_is_followed(drift: float):
 
 
 def test_what_is_no_line_is_doubtful_where_it_is_off():
-    """A clock that falls back by 12 ms: too little for a jump, too much for a line."""
+    """A clock that slides back by 12 ms in half a second: no interval shows a jump, and it is no line."""
     rng = np.random.default_rng(7)
     true, device = instants(120, 200, 0.0)
-    device[18_000:] -= 12 * MS
+    device[17_904:] -= np.minimum(np.arange(1, 6_097) * MS // 8, 12 * MS)
     fit = fit_clock(latency_timer(true, rng), device)
     wrong = np.flatnonzero(np.abs(fit.stamps - true) > MISFIT_NS + 2 * MS)
+    assert len(fit.jumps) == 0
     assert len(wrong) > 0
-    assert set(wrong) <= set(fit.doubtful.tolist())
+    assert set(wrong[wrong >= 18_000]) <= set(fit.doubtful.tolist())
     assert len(fit.doubtful) < len(true)
+
+
+ARRIVALS = {
+    "at once": lambda true, rng: true + 300_000,
+    "jitter of 5 ms": lambda true, rng: np.maximum.accumulate(true + rng.integers(0, 5 * MS, len(true))),
+    "a timer of 16 ms": latency_timer,
+}
+
+
+@pytest.mark.parametrize("how", ARRIVALS)
+@pytest.mark.parametrize("step", [5, 7, 10, 15, 19, 25, 50, 100])
+def test_a_step_of_a_clock_is_followed_to_the_sample(step: int, how: str):
+    rng = np.random.default_rng(step)
+    for rate in (20, 50, 100, 200, 500):
+        for sign in (1, -1):
+            true, device = instants(40, rate, rng.uniform(-200e-6, 200e-6))
+            at = int(rng.integers(len(true) // 4, 3 * len(true) // 4))
+            device[at:] += sign * step * MS
+            fit = fit_clock(ARRIVALS[how](true, rng), device)
+            assert fit.jumps.tolist() == [at]
+            assert len(fit.doubtful) == 0
+            # Samples of 20 ms meet a timer of 16 ms on a grid of 4 ms.
+            assert np.abs(fit.stamps - true).max() < (5 * MS if how == "a timer of 16 ms" else MS)
+
+
+@pytest.mark.parametrize("how", ARRIVALS)
+def test_lost_samples_and_stalls_are_no_steps(how: str):
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        rate = int(rng.choice([100, 200, 500]))
+        true, device = instants(60, rate, rng.uniform(-200e-6, 200e-6))
+        arrival = ARRIVALS[how](true, rng)
+        begin = T0 + 10**9 * int(rng.integers(5, 50))
+        stalled = (arrival > begin) & (arrival < begin + int(rng.integers(3000)) * MS)
+        arrival[stalled] = arrival[stalled].max(initial=0)
+        kept = rng.random(len(true)) > 0.02
+        assert fit_clock(arrival[kept], device[kept]).jumps.tolist() == []
 
 
 @pytest.mark.parametrize("rate", [1.0, 10.0])
