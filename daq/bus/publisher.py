@@ -105,13 +105,18 @@ class RunPublisher:
 
     def put_block(self, channel: str, message: bytes, samples: int) -> None:
         """Send the next block of a channel: its `DecodedBlock` message, numbered by the caller from 0."""
+        number = self.keep_block(channel, message, samples)
+        if self._drop_live and self._random.random() < self._drop_live:
+            return
+        self._blocks.put((channel, number, message), channel, len(message))
+
+    def keep_block(self, channel: str, message: bytes, samples: int) -> int:
+        """Keep the next block of a channel for who asks for it; returns its number."""
         tally = self._tallies.get(channel, Tally())
         self._tallies[channel] = tally.add(message, samples)
         self._digest.add(channel, message)
         self._spool.add(channel, tally.messages, message)
-        if self._drop_live and self._random.random() < self._drop_live:
-            return
-        self._blocks.put((channel, tally.messages, message), channel, len(message))
+        return tally.messages
 
     def put_ledger(self, ledger: dict[str, Any]) -> None:
         """Publish rates and losses so far."""

@@ -129,6 +129,12 @@ def block_from_bytes(data: bytes) -> tuple[Block, int]:
     return _joined([message]), message.sequence
 
 
+def samples_in(kind: type[pb.RawFrames] | type[pb.DecodedBlock], data: bytes) -> int:
+    """Number of frames or samples in a message, which is looked at no further. Raises WireError when it is none."""
+    message = parse(kind, data)
+    return len(message.length) if isinstance(message, pb.RawFrames) else len(message.flags)
+
+
 def joined_block(data: Sequence[bytes]) -> Block:
     """The samples of several `DecodedBlock` messages of one channel, in the order given.
 

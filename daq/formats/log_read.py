@@ -12,7 +12,7 @@ from pathlib import Path
 
 from lacet.daq.blocks import Block
 from lacet.daq.errors import RunError, UsageError, nearest
-from lacet.daq.formats.array_messages import joined_block
+from lacet.daq.formats.array_messages import joined_block, samples_in
 from lacet.daq.formats.events import RunEvent, event_from_bytes
 from lacet.daq.formats.mcap_read import McapScan
 from lacet.daq.formats.run_files import GOES_ON, RunScan, files_of_run
@@ -20,6 +20,7 @@ from lacet.daq.formats.wire import (
     Manifest,
     StartRecord,
     StopRecord,
+    Tally,
     WireError,
     block_from_bytes,
     frames_from_bytes,
@@ -28,6 +29,7 @@ from lacet.daq.formats.wire import (
     stop_from_bytes,
 )
 from lacet.daq.frames import Frames
+from lacet.daq.schema import lacet_pb2 as pb
 from lacet.daq.topics import DECODED, EVENTS, MANIFEST, META_RECOVERED, META_START, RAW, START, STOP
 
 PIECE_SECONDS = 20.0
@@ -36,6 +38,11 @@ PIECE_SECONDS = 20.0
 
 class LogReader:
     """Reader of the log of one run, complete or damaged, in all its files.
+
+    Parameters
+    ----------
+    path : the log, or any file of the run.
+    alone : read that file only; what is in the files before it then counts as missing.
 
     Attributes
     ----------
@@ -51,9 +58,9 @@ class LogReader:
     RunError : the file does not exist, is no MCAP file, or holds nothing of a lacet log.
     """
 
-    def __init__(self, path: str | os.PathLike[str]):
+    def __init__(self, path: str | os.PathLike[str], alone: bool = False):
         self.path = Path(path)
-        self.files = files_of_run(self.path)
+        self.files = {1: self.path} if alone else files_of_run(self.path)
         self._scan = _scan(self.path, self.files)
         self.damage: list[str] = self._scan.damage
         self._topics: dict[str, list[int]] = defaultdict(list)
@@ -98,6 +105,33 @@ class LogReader:
                 f"{self.path}: no frames of '{source}'{nearest(source, known)}; recorded: {', '.join(known) or 'none'}"
             )
         return Frames.concat(source, self.batches(source))
+
+    @property
+    def last_ns(self) -> int:
+        """The latest log time [ns]."""
+        return max((held.last_ns for held in self._scan.contents.values()), default=0)
+
+    def held(self, before: Manifest) -> Manifest | None:
+        """Number and checksum of the messages of this file and those before it; None where some in between are missing.
+
+        `before` : of the files before this one.
+        """
+        tallies = dict(before.channels), dict(before.sources)
+        for message in self._scan.messages(self._numbers(t for t in self._topics if t.startswith((RAW, DECODED)))):
+            topic = self._scan.channels[message.channel].topic
+            try:
+                if topic.startswith(RAW):
+                    name, kind, samples = topic.removeprefix(RAW), tallies[1], samples_in(pb.RawFrames, message.data)
+                else:
+                    name, kind = topic.removeprefix(DECODED).replace("/", "."), tallies[0]
+                    samples = samples_in(pb.DecodedBlock, message.data)
+            except WireError:
+                return None
+            tally = kind.get(name, Tally())
+            if message.sequence != tally.messages:
+                return None
+            kind[name] = tally.add(message.data, samples)
+        return Manifest(self.start.run_id, *tallies)
 
     def batches(self, source: str) -> Iterator[Frames]:
         """Raw frames of one bus batch by batch, in the order recorded; several buses may be read side by side."""

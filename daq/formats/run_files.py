@@ -28,6 +28,9 @@ PART = "part"
 GOES_ON = "goes on in "
 """Begin of the reason in a stop record of a file that is followed by another, whose name comes then."""
 
+BROKE_OFF = "broke off: "
+"""Begin of the reason in a stop record that an error of the program wrote."""
+
 _HEAD_BYTES = 64 << 10  # the header and the metadata of the start, which a recorder writes first
 _NUMBERED = re.compile(r"(.+)-(\d+)")
 

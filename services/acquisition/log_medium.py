@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import os
 import threading
 import time
@@ -49,6 +51,8 @@ class LogMedium:
         """Longest time from one forced write's begin to the end of the next: what a power cut could have lost [s]."""
         self._sync, self._clock = sync, clock
         self._fd = os.open(path, os.O_RDONLY)
+        with contextlib.suppress(OSError):  # others see that it is being recorded; some file systems have no locks
+            fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._begun: float | None = None
         self._stall_said = False
         self._stop = threading.Event()

@@ -9,9 +9,10 @@ import zenoh
 from lacet.daq.bus.publisher import RunPublisher
 from lacet.daq.bus.spool import Spool
 from lacet.daq.errors import LacetError, RunError
+from lacet.daq.formats.array_messages import samples_in
 from lacet.daq.formats.log import LogReader
-from lacet.daq.formats.wire import block_from_bytes
 from lacet.daq.rig import Rig
+from lacet.daq.schema import lacet_pb2 as pb
 
 UNNAMED = "car"
 """Name of the car of a log without a rig that can be read."""
@@ -23,6 +24,12 @@ def car_of(log: LogReader) -> str:
         return Rig.parse(log.start.rig_text, "rig of the run").name
     except LacetError:
         return UNNAMED
+
+
+def keep_blocks(publisher: RunPublisher, log: LogReader) -> None:
+    """Give a publisher the blocks of a log, for who asks for them."""
+    for channel, message in log.block_messages():
+        publisher.keep_block(channel, message, samples_in(pb.DecodedBlock, message))
 
 
 def offer(
@@ -38,10 +45,9 @@ def offer(
         raise RunError(log.path, ["the start record is lost, and with it the run's name"])
     if not log.channels():
         raise RunError(log.path, ["no decoded channels: make them with `lacet decode`"])
-    publisher = RunPublisher(session, car, log.start, spool, 1.0, notify)
+    publisher = RunPublisher(session, car, log.start, spool, notify=notify)
     try:
-        for channel, message in log.block_messages():
-            publisher.put_block(channel, message, len(block_from_bytes(message)[0]))
+        keep_blocks(publisher, log)
         losses = log.manifest.losses if log.manifest is not None else {}
         sources = log.manifest.sources if log.manifest is not None else {}
         manifest = publisher.finish(losses, dict(sources))

@@ -12,27 +12,26 @@ from pathlib import Path
 from threading import Event
 from typing import Any, Protocol
 
-from lacet.daq.blocks import Block
+import numpy as np
+
+from lacet.daq.blocks import Block, Flag
 from lacet.daq.bus.marks import mark_text
 from lacet.daq.bus.publisher import RunPublisher
-from lacet.daq.bus.queue import BoundedQueue
 from lacet.daq.formats.events import EventKind, RunEvent
 from lacet.daq.formats.log import LogWriter
 from lacet.daq.formats.wire import Losses, Tally
 from lacet.daq.frames import Frames
 from lacet.services.acquisition.host_clock import HostClock, synchronisation
+from lacet.services.acquisition.intake import QUEUE_FRAMES, Intake
 from lacet.services.acquisition.log_medium import STALL_SECONDS, LogMedium
 from lacet.services.acquisition.run_log import RunLog, Split
 from lacet.services.acquisition.sensor_monitor import SensorMonitor, SensorStatus, Watched
 from lacet.services.acquisition.transports.base import Receiver
-from lacet.services.acquisition.transports.reader import Reader
 
 BATCH = 0.1
 """Duration of a batch of frames that are decoded and written together [s]."""
 MOST_MARKS = 50
 """Most markers that are set within one batch: somebody who asks for more gets no answer."""
-QUEUE_FRAMES = 60_000
-"""Capacity of the queue in frames: some eight seconds of a full rig."""
 
 
 class LiveDecoder(Protocol):
@@ -119,6 +118,8 @@ class Recorder:
     clock : the machine's clock.
     medium : maker of the watcher of a log's file.
     split : when to go on in a new file.
+    intake : readers of the receivers that were started before, with their queue and clock.
+    resumed_ns : last time of the part that was recorded before [ns], where the recording goes on after it broke off.
     """
 
     def __init__(
@@ -135,10 +136,11 @@ class Recorder:
         clock: HostClock | None = None,
         medium: Callable[[Path], LogMedium] = LogMedium,
         split: Split | None = None,
+        resumed_ns: int | None = None,
+        intake: Intake | None = None,
     ):
-        self.queue: BoundedQueue[Frames] = BoundedQueue(queue_frames)
-        self._clock = clock or HostClock()
-        self.readers = [Reader(receiver, self.queue, notify, self._clock) for receiver in receivers]
+        self._intake = intake or Intake(receivers, notify, clock, queue_frames)
+        self.queue, self.readers, self._clock = self._intake.queue, self._intake.readers, self._intake.clock
         self._decoder = decoder
         self._log = RunLog(log, axes or {}, notify, self._clock, medium, split)
         self._publisher = publisher
@@ -152,7 +154,10 @@ class Recorder:
         self._mark_numbers = itertools.count(1)
         if publisher is not None:
             publisher.on_mark = self._mark_asked
-        self._reported: tuple[float, Counter[str], Counter[str]] = (0.0, Counter(), Counter())
+        self._reported = 0.0, Counter[str](), Counter({c: t.samples for c, t in self._log.channels.items()})
+        self._after_break: set[str] = set()
+        if resumed_ns is not None:
+            self._resume(resumed_ns)
 
     def run(
         self,
@@ -176,22 +181,26 @@ class Recorder:
         BaseException : a bug in a reader or a driver; the log is closed with that reason.
         """
         started = time.monotonic()
-        for reader in self.readers:
-            reader.start()
+        self._intake.start()
         self._log.start()
         with contextlib.ExitStack() as stack:
             stack.push(lambda *exception: self._log.abandon(*exception))
             try:
                 reason = self._loop(stop, started, duration, until_idle, on_ready)
             finally:
-                for reader in self.readers:
-                    reader.stop()
-                for reader in self.readers:
-                    reader.join()
+                self._intake.stop()
             self._work(self.queue.drain())
             self._blocks_out(self._decoder.finish())
             self._second(started)
             return self._finish(reason, started)
+
+    def _resume(self, last_ns: int) -> None:
+        """Say and store that the recording broke off; what came meanwhile is missing before the first samples."""
+        self._after_break = {channel for one in self._decoder.watched for channel in one.rates}
+        seconds = (self._begun_ns - last_ns) / 1e9
+        text = f"the recording broke off and goes on here: what came within {seconds:.1f} s is lost"
+        self._notify(text)
+        self._log.event(RunEvent(self._begun_ns, EventKind.LOG, "", "resumed", text))
 
     def mark(self, text: str, where: str = "terminal") -> RunEvent | None:
         """Set a marker, now; it is stored within a batch. From any thread.
@@ -281,6 +290,11 @@ class Recorder:
         for block in blocks:
             if not len(block):
                 continue
+            if block.channel in self._after_break:
+                self._after_break.remove(block.channel)
+                flags = block.flags.copy()
+                flags[0] |= np.uint8(Flag.GAP)
+                block = Block(block.channel, block.t_ns, block.values, flags, block.device_ns)
             message = self._log.store(block)
             if self._publisher is not None:
                 self._published_bytes += len(message)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -12,7 +13,7 @@ from lacet.daq.blocks import Block
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.events import EventKind, RunEvent
 from lacet.daq.formats.log import CHUNK_SECONDS, DISK, LogWriteError, LogWriter, StopRecord
-from lacet.daq.formats.run_files import GOES_ON, PART, next_path
+from lacet.daq.formats.run_files import BROKE_OFF, GOES_ON, PART, next_path
 from lacet.daq.formats.wire import Losses, Manifest, Tally, block_to_bytes, frames_to_bytes
 from lacet.daq.frames import Frames
 from lacet.services.acquisition.host_clock import HostClock
@@ -181,8 +182,11 @@ class RunLog:
             self.error = f"{self._log.path} was removed or replaced, or its disk reported an error"
 
     def abandon(self, *exception: object) -> None:
-        """Close after an exception, with it as the reason."""
-        self._log.__exit__(*exception)  # type: ignore[arg-type]
+        """Close after an exception, with it as the reason; after none, which has closed it, do nothing."""
+        if (error := exception[1]) is not None:
+            text = f"{BROKE_OFF}{type(error).__name__}: {error}".strip(": ")
+            with contextlib.suppress(LogWriteError):  # the exception already raised is reported instead
+                self._log.close(self._stop(text, {}))
         self._medium.stop()
 
     def _stop(self, reason: str, losses: Losses) -> StopRecord:

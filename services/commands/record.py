@@ -21,15 +21,18 @@ from lacet.daq.bus.session import ROUTER
 from lacet.daq.bus.spool import Spool
 from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import UsageError
-from lacet.daq.formats.log import LogWriter, StartRecord
+from lacet.daq.formats.log import LogReader, LogWriter, StartRecord
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.services.acquisition.host_clock import synchronisation
+from lacet.services.acquisition.intake import QUEUE_FRAMES, RESUME_FRAMES, Intake
 from lacet.services.acquisition.log_medium import remaining_text
+from lacet.services.acquisition.offer import keep_blocks
 from lacet.services.acquisition.own_drivers import OPTION as TRUST
 from lacet.services.acquisition.own_drivers import own_drivers
 from lacet.services.acquisition.recorder import Health, Recorder, Summary
+from lacet.services.acquisition.resume import broken_run
 from lacet.services.acquisition.run_log import Split
 from lacet.services.acquisition.sensor_monitor import SensorState
 from lacet.services.acquisition.stream_decoder import Decoder
@@ -56,6 +59,7 @@ goes on.
   lacet record --rig peugeot-406 --vehicle peugeot-406 -o run.mcap
   lacet record ... --manoeuvre slalom --brakes off --duration 60
   lacet record ... --split 10min                           run.mcap, run-2.mcap …: read as one run by every command
+  lacet record ... -o logs/ --resume                       as a service (docs/in-the-car.md): goes on after a crash
   lacet record ... --endpoints wires.json --until-idle 2   what `lacet replay --endpoints wires.json` sends
   lacet record ... --from can0=socketcan:can1              a bus that is somewhere else today
   lacet record ... --listen tls/0.0.0.0:7447 --keys keys/peugeot     workers on other machines (lacet keys)
@@ -71,7 +75,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("--rig", metavar="RIG", required=True, help="rig file, or the name of a shipped rig")
     parser.add_argument("--vehicle", metavar="VEHICLE", required=True, help="vehicle file, or a shipped vehicle's name")
-    parser.add_argument("-o", "--out", metavar="LOG", type=Path, required=True, help="log to write (.mcap)")
+    parser.add_argument(
+        "-o",
+        "--out",
+        metavar="LOG",
+        type=Path,
+        required=True,
+        help="log to write (.mcap); in a folder it gets the run's id as its name",
+    )
     parser.add_argument("--manoeuvre", default="", help="what is driven, for the record")
     parser.add_argument("--brakes", choices=("off", "used", "unknown"), default="unknown", help="for the record")
     parser.add_argument("--notes", default="", help="anything worth keeping")
@@ -100,6 +111,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--ack-wait", metavar="S", type=float, default=30.0, help="how long to wait for a worker at the end (30 s)"
     )
     parser.add_argument(TRUST, action="store_true", help="run the drivers of your own beside the rig file from now on")
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="a recording at LOG that broke off in the last two minutes goes on, in a new file of the same run",
+    )
     parser.add_argument("--overwrite", action="store_true", help="replace LOG if it exists")
     parser.add_argument("--drop-live", type=float, default=0.0, help=argparse.SUPPRESS)  # fault tests
 
@@ -141,13 +157,21 @@ def run(args: argparse.Namespace) -> int:
     if hasattr(signal, "SIGHUP"):  # the terminal may go, as a dropped ssh does: the recording stays
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
     with Line(period=0.5) as line, contextlib.ExitStack() as stack:
-        log = LogWriter(args.out, start, axes=axes, overwrite=args.overwrite)
+        intake = Intake(receivers, line.notify, capacity=RESUME_FRAMES if args.resume else QUEUE_FRAMES)
+        if args.resume:
+            intake.start()  # what comes while the earlier part is read waits
+        broken = broken_run(args.out, rig.text, time.time_ns()) if args.resume else None
+        start = start if broken is None else broken.start
+        out = args.out / f"{start.run_id}.mcap" if args.out.is_dir() else args.out
+        log = broken.next_file(axes) if broken else LogWriter(out, start, axes=axes, overwrite=args.overwrite)
         link = None if args.no_bus else link_of(args, credentials, line.notify)
         publisher = None
         if link is not None:
             stack.callback(link.close)
             car = rig.name if credentials is None else credentials.name
-            publisher = _publisher(args, link, car, start, line, stack)
+            publisher = _publisher(args, out, link, car, start, line, stack)
+            if broken is not None:
+                keep_blocks(publisher, LogReader(broken.files[0]))
         recorder = Recorder(
             receivers,
             decoder,
@@ -157,8 +181,10 @@ def run(args: argparse.Namespace) -> int:
             notify=line.notify,
             report=lambda health: line.show(describe(health)),
             split=split,
+            intake=intake,
+            resumed_ns=broken.last_ns if broken else None,
         )
-        line.notify(f"run {start.run_id}: recording {', '.join(rig.buses)} to {args.out}")
+        line.notify(f"run {start.run_id}: recording {', '.join(rig.buses)} to {log.path}")
         with marks_by_key(recorder.mark) as keys:
             if keys:
                 line.notify("Enter sets a marker, with the text typed before it; Ctrl-C ends the run")
@@ -175,14 +201,14 @@ def run(args: argparse.Namespace) -> int:
             for worker in acks:
                 line.notify(f"worker {worker} has the run")
             if not acks:
-                line.notify(f"no worker has taken the run yet; later: lacet publish {args.out}")
+                line.notify(f"no worker has taken the run yet; later: lacet publish {log.path}")
     write_result(
         args.json,
         "record",
         {
             "run_id": start.run_id,
-            "log": args.out,
-            "files": summary.files,
+            "log": log.path if broken is None else broken.files[0],
+            "files": [*(broken.files if broken else ()), *summary.files],
             "reason": summary.reason,
             "seconds": summary.seconds,
             "frames": summary.frames,
@@ -214,10 +240,16 @@ def _receivers(args: argparse.Namespace, rig: Rig) -> list[Receiver]:
 
 
 def _publisher(
-    args: argparse.Namespace, link: Link, car: str, start: StartRecord, line: Line, stack: contextlib.ExitStack
+    args: argparse.Namespace,
+    out: Path,
+    link: Link,
+    car: str,
+    start: StartRecord,
+    line: Line,
+    stack: contextlib.ExitStack,
 ) -> RunPublisher:
     """The run's publisher on the bus."""
-    spool = Spool(args.out.absolute().parent)
+    spool = Spool(out.absolute().parent)
     stack.callback(spool.close)
     publisher = RunPublisher(link.session, car, start, spool, args.drop_live, line.notify)
     stack.callback(publisher.close)
