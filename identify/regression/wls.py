@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from lacet.identify.car.rows import ROWS, Row
-from lacet.identify.effects.base import Effect
+from lacet.identify.effects.base import Effect, with_places
 from lacet.identify.effects.sensors.sensor_latency import SensorLatency
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, silent
@@ -21,6 +21,7 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.qr_accumulation import Equations, orthonormaliser
 from lacet.identify.regression.sensitivity import Sensitivity
+from lacet.identify.regression.shape_uncertainty import constant_changes
 from lacet.identify.regression.sums.linear_fit import (
     FitOptions,
     FittedModel,
@@ -30,7 +31,7 @@ from lacet.identify.regression.sums.linear_fit import (
 )
 from lacet.identify.regression.sums.prepared_runs import PreparedEquations, PreparedRuns, without_faults
 from lacet.identify.regression.tolerances import SheetEntry, entry_name, sheet_entries
-from lacet.identify.regression.uncertainty import block_bootstrap, spread_of
+from lacet.identify.regression.uncertainty import at_least, block_bootstrap, spread_of
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,15 @@ class Fit(FittedModel):
     def stored(self) -> Stored:
         """Intermediate results for fits to the same motions with other noise."""
         return Stored(self.assembly.motion_responses(), self.moments)
+
+    @property
+    def covariances_searched(self) -> tuple[Array, Array]:
+        """`covariance` and `covariance_sheet` of `theta` where shape constants were searched on the same runs."""
+        return self._covariances_searched
+
+    @cached_property
+    def _covariances_searched(self) -> tuple[Array, Array]:
+        return _covariances_searched(self)
 
     def bootstrap(self, draws: int = 499, seed: int = 0) -> Array:
         """(draws, p) bootstrap values of `theta`, from runs resampled in moving blocks of about 2 s."""
@@ -140,12 +150,19 @@ class Fit(FittedModel):
         """The same with several effects."""
         return extended(self, effects)
 
-    def without_effects(self, keys: Collection[str]) -> Fit:
-        """Fit of the model without these effects of the car to the same runs, with the same options."""
+    def without_effects(self, keys: Collection[str], removed: Mapping[str, float] | None = None) -> Fit:
+        """Fit of the model without these effects to the same runs, with the same options.
+
+        `removed` : size by key of those sensor faults that were removed from the runs before; a fault that the model
+        does without is given back to them, to first order of its size.
+        """
         effects = [effect for effect in self.model.effects if effect.key not in keys]
         if len(effects) == len(self.model.effects):
             return self
-        return fit(Model.of(effects), self.runs, _weights_free(self))
+        back = [fault for fault in self.model.faults if fault.key in keys and fault.key in (removed or {})]
+        sizes = -np.array([(removed or {})[fault.key] for fault in back])
+        runs = tuple(without_faults(run, back, sizes) for run in self.runs) if back else self.runs
+        return fit(Model.of(effects), runs, _weights_free(self))
 
     def without_latencies(self, latencies: Mapping[SheetEntry, float]) -> Fit:
         """Fit of the model to the runs with these latencies [s] removed; it shares the sensitivities of this fit."""
@@ -235,6 +252,40 @@ def extended(fitted: Fit, effects: Sequence[Effect]) -> Fit:
     Sizes of the model's sensor faults are those that remain in these runs, from which they were removed.
     """
     return fit(Model.of((*fitted.model.effects, *effects)), fitted.runs, _weights_free(fitted))
+
+
+def with_constant_changes(fitted: Fit) -> Fit:
+    """The fit with changes of the model's shape constants as further parameters, at the same weights.
+
+    A shape constant is one that has bounds. The fit itself where the model has none.
+    """
+    changes = constant_changes([(effect, fitted.theta[at]) for effect, at in with_places(fitted.model.physics)])
+    if not changes:
+        return fitted
+    try:
+        # The changes are zero: the residual answers to the channels as it does without them.
+        shared = fitted.assembly.motion_responses()
+    except ValueError:  # a long run, in pieces, or a fit without zeros
+        shared = None
+    model = Model.of((*fitted.model.effects, *changes))
+    options = replace(fitted.options, weights=dict(fitted.sigma), unbias=False)
+    prepared = PreparedRuns(model, fitted.runs, options.zeros, shared, options.seeds, options.payload)
+    near = np.concatenate([fitted.physics, np.zeros(len(changes))])
+    return _of(model, options, solve_linear(model, prepared, options, near=near))
+
+
+def _covariances_searched(fitted: Fit) -> tuple[Array, Array]:
+    """Both (p, p), the covariance no narrower than where the constants are known."""
+    wider = with_constant_changes(fitted)
+    if wider is fitted:
+        return fitted.covariance, fitted.covariance_sheet
+    names = fitted.model.names
+    kept = [int(place) for place in fitted.place if names[int(place)] in wider.columns]
+    own, there = np.ix_(kept, kept), np.ix_(*2 * [[wider.model.names.index(names[place]) for place in kept]])
+    covariance, sheet = fitted.covariance.copy(), fitted.covariance_sheet.copy()
+    covariance[own] = at_least(wider.covariance[there], fitted.covariance[own])
+    sheet[own] = wider.covariance_sheet[there]
+    return covariance, sheet
 
 
 def _weights_free(fitted: Fit) -> FitOptions:

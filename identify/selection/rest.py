@@ -68,23 +68,79 @@ def laws_on_rows(space: ScoreTests, rows: Collection[Row]) -> tuple[AddedLaw, ..
     return _added(space, space.fitted.model.physics, *space.on_rows(rows))
 
 
+@dataclass(frozen=True)
+class Departure:
+    """What the equations of some rows want changed of an effect in the fit of all rows.
+
+    Attributes
+    ----------
+    key : of the effect.
+    squares : weighted squares of the change in those rows; `null` (D,) those in simulated runs of the fit.
+    force : weighted squares in those rows of the effect as it is in the fit.
+    """
+
+    key: str
+    squares: float
+    null: Array = field(repr=False)
+    force: float
+
+
+def departures_on_rows(space: ScoreTests, effects: Sequence[Effect], rows: Collection[Row]) -> tuple[Departure, ...]:
+    """The change that some rows alone want of each of these effects in the fit of `space`, whatever else is changed."""
+    estimate = _Estimate.of(space, *space.on_rows(rows))
+    fitted = space.fitted
+    out: list[Departure] = []
+    for effect in effects:
+        at = estimate.places(effect)
+        if at:
+            normal = np.linalg.inv(estimate.spread[np.ix_(at, at)])
+            drawn, size = estimate.drawn[at], fitted.theta[fitted.place][at]
+            null = np.einsum("kd,kd->d", drawn, normal @ drawn)
+            change = estimate.change[at]
+            out.append(Departure(effect.key, float(change @ normal @ change), null, float(size @ normal @ size)))
+    return tuple(out)
+
+
+@dataclass(frozen=True)
+class _Estimate:
+    """Parameters of a fit, estimated anew with the sheet's tolerances.
+
+    `names` of those in the equations; `change` (q,) of each from the fit; `spread` (q, q) their covariance, and `drawn`
+    (q, D) the changes in simulated runs.
+    """
+
+    names: list[str]
+    change: Array
+    spread: Array
+    drawn: Array
+
+    @classmethod
+    def of(cls, space: ScoreTests, known: PartialRegression, simulated: Array) -> _Estimate:
+        model, turn = known.sums.layout.model, known.sums.turn
+        inverse = turn @ known.inverse[:model]
+        change = turn @ known.gain[:model, known.sums.layout.right]
+        return cls(list(space.fitted.columns), change, inverse[:, :model] @ turn.T, inverse @ simulated[known.nuisance])
+
+    def places(self, effect: Effect) -> list[int]:
+        """Places of an effect's parameters in the equations."""
+        return [self.names.index(q.name) for q in effect.parameters if q.name in self.names]
+
+
 def _added(
     space: ScoreTests, effects: Sequence[Effect], known: PartialRegression, simulated: Array
 ) -> tuple[AddedLaw, ...]:
-    fitted = space.fitted
-    model = known.sums.layout.model
-    names, turn = list(fitted.columns), known.sums.turn
-    inverse = turn @ known.inverse[:model]
-    spread, drawn = inverse[:, :model] @ turn.T, inverse @ simulated[known.nuisance]
-    theta = fitted.theta[fitted.place] + turn @ known.gain[:model, known.sums.layout.right]
+    fitted, estimate = space.fitted, _Estimate.of(space, known, simulated)
+    model, turn = known.sums.layout.model, known.sums.turn
+    spread, drawn = estimate.spread, estimate.drawn
+    theta = fitted.theta[fitted.place] + estimate.change
     out: list[AddedLaw] = []
     for effect in effects:
         if effect.base:
             continue
-        at = [names.index(q.name) for q in effect.parameters if q.name in names]
+        at = estimate.places(effect)
         if not at:
             continue
-        own = np.zeros(len(names))
+        own = np.zeros(len(estimate.names))
         own[at] = theta[at]
         whole = np.zeros((known.sums.layout.width, 1))
         whole[:model, 0] = np.linalg.solve(turn, own)
@@ -156,6 +212,14 @@ class Rest:
         """
         body = any(row.kind == "chassis" for row in self.unlisted)
         return [row for row in self.lack.ratios if row not in self.unlisted and not (body and row.kind == "chassis")]
+
+    def of_other_kinds(self) -> list[Row]:
+        """Rows of other kinds (chassis, suspension, tyre, spin) than that in which most is unlisted; none without."""
+        most = dict[str, float]()
+        for row in self.unlisted:
+            most[row.kind] = most.get(row.kind, 0.0) + self.lack.excess([row])
+        worst = max(most, key=lambda kind: most[kind], default=None)
+        return [] if worst is None else [row for row in self.lack.ratios if row.kind != worst]
 
     @property
     def excess(self) -> float:

@@ -72,11 +72,11 @@ Unidentified = HardlyKnown | WiderThanValue | NoDependence | RowsAbsent | Counte
 class Estimate:
     """The estimate of one parameter.
 
-    `half` is half of the 95 % interval from residuals correlated in time and across rows (noise and zeros);
-    `half_sheet` the same with what the sensor sheet's gains and latencies may add; `half_bootstrap` from blocks of the
-    runs drawn again, NaN where none were; `sxr` the paper's relative standard deviation, 100 σ/|value| as if residuals
-    were independent [%]; `group` the combination the value stands for; `why` the reason where it is not `identifiable`,
-    else None.
+    `half` is half of the 95 % interval from residuals correlated in time and across rows (noise and zeros), and from
+    what is not known of a law's shape constants; `half_sheet` the same with what the sensor sheet's gains and latencies
+    may add; `half_bootstrap` from blocks of the runs drawn again, NaN where none were; `sxr` the paper's
+    relative standard deviation, 100 σ/|value| as if residuals were independent [%]; `group` the combination the value
+    stands for; `why` the reason where it is not `identifiable`, else None.
     """
 
     name: str
@@ -109,7 +109,9 @@ def estimates(fitted: FittedModel, drawn: Array | None = None, runs: Sequence[Pr
     place = {int(i): k for k, i in enumerate(fitted.base.independent)}
     sigma = np.sqrt(np.maximum(0.0, np.diag(fitted.covariance)))
     plain = np.sqrt(np.maximum(0.0, np.diag(fitted.covariance_iid)))
-    sheet = np.sqrt(np.maximum(0.0, np.diag(fitted.covariance + fitted.covariance_sheet)))
+    searched, sheet = fitted.covariances_searched
+    half = 1.96 * np.sqrt(np.maximum(0.0, np.diag(searched)))
+    half_sheet = 1.96 * np.sqrt(np.maximum(0.0, np.diag(searched + sheet)))
     blocks = np.full(len(sigma), np.nan)
     if drawn is not None:
         blocks = 0.5 * np.asarray(np.ptp(np.percentile(drawn, (2.5, 97.5), axis=0), axis=0), float)
@@ -132,8 +134,8 @@ def estimates(fitted: FittedModel, drawn: Array | None = None, runs: Sequence[Pr
                 effect=effect.key,
                 value=value,
                 unit=parameter.unit,
-                half=1.96 * float(sigma[i]),
-                half_sheet=1.96 * float(sheet[i]),
+                half=float(half[i]),
+                half_sheet=float(half_sheet[i]),
                 half_bootstrap=float(blocks[i]),
                 sxr=100.0 * float(plain[i]) / abs(value) if value else float("inf"),
                 group=group,

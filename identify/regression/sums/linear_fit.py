@@ -325,6 +325,11 @@ class FittedModel:
         )
 
     @property
+    def covariances_searched(self) -> tuple[Array, Array]:
+        """`covariance` and `covariance_sheet`; where runs are at hand, with the uncertainty of shape constants."""
+        return self.covariance, self.covariance_sheet
+
+    @property
     def columns(self) -> tuple[str, ...]:
         """Names of the parameters in the equations, (q,)."""
         return tuple(self.model.names[int(i)] for i in self.place)

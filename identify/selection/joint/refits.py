@@ -19,7 +19,14 @@ from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.joint.alternatives import alternatives
 from lacet.identify.selection.joint.shape_constants import constants_by_runs
 from lacet.identify.selection.joint.subset_search import inexactness_of, search
-from lacet.identify.selection.rest import AddedLaw, Rest, added_faults, added_laws, laws_on_rows
+from lacet.identify.selection.rest import (
+    AddedLaw,
+    Rest,
+    added_faults,
+    added_laws,
+    departures_on_rows,
+    laws_on_rows,
+)
 from lacet.identify.selection.score_tests import Candidate, ScoreTests
 from lacet.identify.selection.settings import SELECTION
 
@@ -158,7 +165,7 @@ def only_standing(joint: Joint, seed: int, progress: Progress = silent) -> Joint
         weakest = _weakest([law for law in found if not _stands(law, laws, joint.space)])
         if weakest is None:
             return joint
-        joint = without_effect(joint, weakest.key, seed, progress)
+        joint = without_effects(joint, [weakest.key], seed, progress)
 
 
 def exchanged(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
@@ -179,7 +186,7 @@ def exchanged(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
             return joint
         nearest, law = min(better, key=lambda pair: pair[0].margin)
         tried |= {law.key, nearest.key}
-        without = _less(joint, law.key)
+        without = _less(joint, [law.key])
         rival = constants_by_runs(without.fit, joint.space.floor, [nearest.effect], progress)
         other = _fitted(replace(without, added=(*without.added, *rival)), seed, progress)
         joint = other if nearest.key in other.keys else joint
@@ -194,7 +201,32 @@ def only_plausible(joint: Joint, seed: int, progress: Progress = silent) -> Join
         wrong = _weakest([law for law in joint.laws if law.key in joint.keys and law.implausible is not None])
         if wrong is None:
             return joint
-        joint = without_effect(joint, wrong.key, seed, progress)
+        joint = without_effects(joint, [wrong.key], seed, progress)
+
+
+def without_denied_faults(joint: Joint, rest: Rest, seed: int, progress: Progress = silent) -> Joint:
+    """The same without the sensor faults that a rest was taken for, and what is found among effects of the car alone.
+
+    What an unknown force does to rows of one kind looks like a fault of the sensors in them; removed from the runs,
+    such a fault makes rows of other kinds fail, which want it back. A fault stands if those rows want it changed by no
+    more than chance, or than a law may be inexact. Other faults are not tried in place of one that does not stand.
+    """
+    found = [fault for fault in joint.space.fitted.model.faults if fault.key in joint.keys]
+    rows = rest.of_other_kinds()
+    if not found or not rows:
+        return joint
+    space = joint.space
+    denied = {
+        one.key
+        for one in departures_on_rows(space, found, rows)
+        if space.family_wise_of(one.squares, one.null) <= SELECTION.level(space.draws)
+        and one.squares > SELECTION.selected_inexactness**2 * one.force
+    }
+    if not denied:
+        return joint
+    faults = {key for key, effect in joint.first.effects.items() if effect.as_physics is None and key not in joint.keys}
+    without = without_effects(replace(joint, dropped=joint.dropped | faults), denied, seed, progress)
+    return continued(only_standing(without, seed, progress), seed, progress)
 
 
 def not_part_of_the_rest(joint: Joint, rest: Rest, seed: int, progress: Progress = silent) -> tuple[Joint, Rest]:
@@ -210,7 +242,7 @@ def not_part_of_the_rest(joint: Joint, rest: Rest, seed: int, progress: Progress
         weakest = _weakest([one for one in found if one.force <= rest.beside(one) or one.key in elsewhere])
         if weakest is None:
             break
-        joint = replace(without_effect(joint, weakest.key, seed, progress), parts=joint.parts | {weakest.key})
+        joint = replace(without_effects(joint, [weakest.key], seed, progress), parts=joint.parts | {weakest.key})
         rest = Rest.of(joint.space, joint.laws)
     return joint, rest
 
@@ -225,20 +257,22 @@ def _not_standing_elsewhere(joint: Joint, rest: Rest) -> set[str]:
     return out | {law.key for law in joint.laws if law.key in of_runs and not law.rows <= set(sound)}
 
 
-def without_effect(joint: Joint, key: str, seed: int, progress: Progress = silent) -> Joint:
-    """The same without one of the effects found, which is not tried again."""
-    joint = _less(joint, key)
-    joint = replace(joint, dropped=joint.dropped | {key})
+def without_effects(joint: Joint, keys: Collection[str], seed: int, progress: Progress = silent) -> Joint:
+    """The same without some of the effects found, which are not tried again."""
+    joint = _less(joint, keys)
+    joint = replace(joint, dropped=joint.dropped | set(keys))
     progress(Step(Stage.FIT_WITH_EFFECTS, subject=", ".join(joint.keys)))
-    return beside_of(joint, _tests_of(joint, joint.fit, [key], seed, progress), progress)
+    return beside_of(joint, _tests_of(joint, joint.fit, keys, seed, progress), progress)
 
 
-def _less(joint: Joint, key: str) -> Joint:
-    """The same less one of the effects found, still with the tests beside it."""
+def _less(joint: Joint, keys: Collection[str]) -> Joint:
+    """The same less some of the effects found, still with the tests beside them."""
     assert joint.base is not None
     return replace(
-        joint, base=joint.base.without_effects([key]), added=tuple(e for e in joint.added if e.key != key),
-        effects=tuple(effect for effect in joint.effects if effect.key != key),
+        joint, base=joint.base.without_effects(keys, joint.sizes),
+        added=tuple(effect for effect in joint.added if effect.key not in keys),
+        effects=tuple(effect for effect in joint.effects if effect.key not in keys),
+        sizes={key: size for key, size in joint.sizes.items() if key not in keys},
     )  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect, Implausible
 from lacet.identify.effects.body.payload import Payload
 from lacet.identify.progress import silent
+from lacet.identify.regression.sums.prepared_runs import without_faults
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.chow_test import ParameterConstancy
 from lacet.identify.selection.columns.linearisation import Linearisation
@@ -29,11 +30,20 @@ from lacet.identify.selection.joint.refits import (
     not_part_of_the_rest,
     only_plausible,
     only_standing,
+    without_denied_faults,
 )
 from lacet.identify.selection.joint.rivals import rivals
 from lacet.identify.selection.joint.shape_constants import constants_by_runs, refined, with_best_constants
 from lacet.identify.selection.joint.subset_search import Subset, _strongest
-from lacet.identify.selection.rest import AddedLaw, Rest, added_faults, added_laws, laws_on_rows
+from lacet.identify.selection.rest import (
+    AddedLaw,
+    Departure,
+    Rest,
+    added_faults,
+    added_laws,
+    departures_on_rows,
+    laws_on_rows,
+)
 from lacet.identify.selection.score_tests import Answer, Candidate, Reason, ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.signals.reconstruct import Recording
@@ -46,7 +56,7 @@ from tests.identify.selection.exact_ranking import DRAWS
 KEYS = (
     "anti_roll_bar.front", "anti_roll_bar.rear", "coulomb.front", "coulomb.rear", "bump_stop.front", "bump_stop.rear",
     "spring_cubic.front", "spring_cubic.rear", "damper_asymmetry.front", "damper_knee.front", "damper_knee.rear",
-    "tyre_damping.rear", "sensor_gain.hub.fl",
+    "tyre_damping.rear", "sensor_gain.hub.fl", "sensor_gain.hub.rr",
 )  # fmt: skip
 STOP = replace(KNOWN["bump_stop.rear"], shape={"gap": 0.0065, "n": 1.6})
 HIDDEN = [(KNOWN["anti_roll_bar.front"], 6000.0), (KNOWN["damper_asymmetry.front"], -300.0)]
@@ -349,6 +359,70 @@ def test_beside_an_unknown_force_on_the_body_a_law_must_stand_in_the_other_rows(
     assert _not_standing_elsewhere(subset, rest) == {bar}
     found, _ = not_part_of_the_rest(subset, rest, 0)
     assert bar not in found.keys
+
+
+def test_what_some_rows_want_changed_is_their_own_estimate_less_that_of_all(subset: Joint):
+    """In the norm of what these rows know of it; what all rows want changed is what tolerances make of it."""
+    space = subset.space
+    rows = [row for row in space.sums.over_runs.rows if row.kind == "suspension"]
+    laws = {law.key: law for law in laws_on_rows(space, rows)}
+    for one in departures_on_rows(space, subset.effects, rows):
+        law = laws[one.key]
+        size = space.fitted.solution[list(law.places)]
+        normal = law.force / float(law.values @ law.values)
+        if len(size) == 1:
+            assert one.squares == pytest.approx(normal * float((law.values - size) @ (law.values - size)), rel=1e-6)
+            assert one.force == pytest.approx(normal * float(size @ size), rel=1e-6)
+        assert one.null.shape == (DRAWS,)
+
+
+@pytest.mark.parametrize(("change", "stands"), [(0.1, True), (1.0, False)])
+def test_beside_a_rest_a_fault_that_rows_of_other_kinds_want_back_is_no_name(
+    subset: Joint, monkeypatch: pytest.MonkeyPatch, change: float, stands: bool
+):
+    """And no other fault is tried in its place; a law of the car is."""
+    fault, other = KNOWN["sensor_gain.hub.fl"], "sensor_gain.hub.rr"
+    base = subset.base
+    assert base is not None
+    fitted = base.with_effects([*subset.added, fault])
+    tests = ScoreTests.of(Linearisation.of(fitted, subset.space.floor.redrawn(fitted)), [KNOWN["coulomb.rear"]], 0)
+    joint = beside_of(replace(subset, added=(*subset.added, fault), effects=(*subset.effects, fault)), tests)
+    rest = Rest.of(joint.space, joint.laws)
+    assert without_denied_faults(joint, replace(rest, unlisted=()), 0) is joint
+    asked: list[object] = []
+
+    def departures(space: ScoreTests, effects: Sequence[Effect], rows: Sequence[Row]) -> list[Departure]:
+        asked.append([effect.key for effect in effects])
+        assert rows
+        assert all(row.kind != "chassis" for row in rows)
+        return [Departure(fault.key, change**2 * 5000.0, np.full(DRAWS, 2.0), 5000.0)]
+
+    monkeypatch.setattr("lacet.identify.selection.joint.refits.departures_on_rows", departures)
+    found = without_denied_faults(joint, replace(rest, unlisted=(Row("chassis.my"),)), 0)
+    assert asked == [[fault.key]]
+    assert (fault.key in found.keys) == stands
+    assert set(subset.keys) <= set(found.keys)
+    if not stands:
+        assert {fault.key, other} <= found.dropped
+        assert found.space.effects.keys().isdisjoint(found.dropped)
+        assert "coulomb.rear" in found.space.effects
+
+
+def test_a_fault_that_a_model_does_without_is_in_its_runs_again():
+    """To first order of what was removed."""
+    gain = KNOWN["sensor_gain.hub.fl"]
+    plain = fit_of(driven(exact(), 0))
+    wrong = replace(plain, runs=tuple(without_faults(run, [gain], np.array([-0.03])) for run in plain.runs))
+    found = wrong.with_effect(gain)
+    removed = found.refitted_to(found)
+    values = [
+        one.runs[0].recording.signals.value["laser.fl.hub"]
+        for one in (wrong, removed, removed.without_effects([gain.key], {gain.key: float(found.theta[-1])}))
+    ]
+    assert found.theta[-1] == pytest.approx(0.03, abs=0.003)
+    assert np.max(np.abs(values[1] / values[0] - 1.0)) > 0.02
+    np.testing.assert_allclose(values[2], values[0], rtol=2e-3)
+    assert removed.without_effects([gain.key]).runs[0].recording is removed.runs[0].recording
 
 
 def test_beside_a_rest_in_its_rows_an_effect_of_one_run_is_no_name(subset: Joint):
