@@ -72,6 +72,7 @@ class RunPublisher:
         self._requests: BoundedQueue[tuple[zenoh.Query, dict[str, Any] | None]] = BoundedQueue(1000)
         self.on_mark: Callable[[str], dict[str, Any] | None] | None = None
         self._acks: dict[str, dict[str, Any]] = {}
+        self._publishers: dict[str, zenoh.Publisher] = {}
         self._lock = threading.Lock()
         self._handles: list[Any] = []
         self._declare()
@@ -147,6 +148,15 @@ class RunPublisher:
         return dict(self._acks)
 
     @property
+    def listened(self) -> bool | None:
+        """Whether anybody, a worker or a page, receives the blocks; None before the first one is sent."""
+        with contextlib.suppress(zenoh.ZError):
+            for publisher in list(self._publishers.values()):
+                status: Any = publisher.matching_status  # an object, whatever its stub says
+                return bool(status.matching)
+        return None
+
+    @property
     def unsent(self) -> int:
         """Bytes of live blocks not sent because the queue was full; they are still available for requests."""
         return sum(self._blocks.dropped.values())
@@ -183,7 +193,7 @@ class RunPublisher:
                 self._acks[str(sample.key_expr).rpartition("/")[2]] = ack
 
     def _send_blocks(self) -> None:
-        session, publishers = self.session, dict[str, zenoh.Publisher]()
+        session, publishers = self.session, self._publishers
         complained = False
         while True:
             item = self._blocks.get()
@@ -191,7 +201,8 @@ class RunPublisher:
                 break
             channel, sequence, message = item
             if session is not self.session:
-                session, publishers = self.session, {}
+                session, publishers = self.session, dict[str, zenoh.Publisher]()
+                self._publishers = publishers
             try:
                 if channel not in publishers:
                     publishers[channel] = session.declare_publisher(

@@ -113,6 +113,12 @@ def synchronisation() -> str:
     return describe_synchronisation(status, offset, largest, estimated)
 
 
+def short_synchronisation(text: str) -> str:
+    """What `synchronisation` says in a word or two: ``synchronised``, ``NOT SYNCHRONISED`` or ``unknown``."""
+    found = text.partition(",")[0].partition(":")[0]
+    return found.upper() if found.startswith("not") else found
+
+
 def describe_synchronisation(status: int, offset: int, largest_us: int, estimated_us: int) -> str:
     """The state of ``adjtimex`` in words; `offset` is in ns or µs, as `status` says."""
     if status & _UNSYNCHRONISED:

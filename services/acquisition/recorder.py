@@ -21,7 +21,9 @@ from lacet.daq.formats.events import EventKind, RunEvent
 from lacet.daq.formats.log import LogWriter
 from lacet.daq.formats.wire import Losses, Tally
 from lacet.daq.frames import Frames
-from lacet.services.acquisition.host_clock import HostClock, synchronisation
+from lacet.daq.rig import Bus
+from lacet.services.acquisition.bus_load import BusLoad
+from lacet.services.acquisition.host_clock import HostClock, short_synchronisation, synchronisation
 from lacet.services.acquisition.intake import QUEUE_FRAMES, Intake
 from lacet.services.acquisition.log_medium import STALL_SECONDS, LogMedium
 from lacet.services.acquisition.run_log import RunLog, Split
@@ -73,6 +75,10 @@ class Health:
     waiting : number of frames in the queue.
     sensors : sensor → what it does.
     disk_seconds : time until the disk is full but for a reserve [s].
+    rates : sensor → samples/s of the channel that is farthest from its nominal rate, and that rate, where it is known.
+    load : bus → part of the time in which it is busy, at most, where its bit rate is known.
+    clock : how the machine's clock is synchronised, in a word or two.
+    listened : whether anybody receives the blocks; None without the bus, and before the first block.
     """
 
     seconds: float
@@ -83,6 +89,10 @@ class Health:
     waiting: int
     sensors: Mapping[str, SensorStatus] = field(default_factory=dict)
     disk_seconds: float = float("inf")
+    rates: Mapping[str, tuple[float, float | None]] = field(default_factory=dict)
+    load: Mapping[str, float] = field(default_factory=dict)
+    clock: str = ""
+    listened: bool | None = None
 
 
 @dataclass
@@ -119,6 +129,7 @@ class Recorder:
     medium : maker of the watcher of a log's file.
     split : when to go on in a new file.
     intake : readers of the receivers that were started before, with their queue and clock.
+    buses : of the rig, for their load.
     resumed_ns : last time of the part that was recorded before [ns], where the recording goes on after it broke off.
     """
 
@@ -138,6 +149,7 @@ class Recorder:
         split: Split | None = None,
         resumed_ns: int | None = None,
         intake: Intake | None = None,
+        buses: Mapping[str, Bus] | None = None,
     ):
         self._intake = intake or Intake(receivers, notify, clock, queue_frames)
         self.queue, self.readers, self._clock = self._intake.queue, self._intake.readers, self._intake.clock
@@ -148,6 +160,7 @@ class Recorder:
         self._report = report
         self._clock_steps = 0
         self._published_bytes = 0
+        self._load = BusLoad(dict(buses or {}))
         self._monitor = SensorMonitor(decoder.watched, time.monotonic())
         self._begun_ns = self._clock.now_ns()
         self._marks: deque[RunEvent] = deque(maxlen=MOST_MARKS)
@@ -283,6 +296,7 @@ class Recorder:
         for source in dict.fromkeys(frames.source for frames in batch):
             frames = Frames.concat(source, [part for part in batch if part.source == source])
             self._log.store(frames)
+            self._load.add(frames)
             self._blocks_out(self._decoder.feed(frames))
 
     def _blocks_out(self, blocks: list[Block]) -> None:
@@ -342,15 +356,20 @@ class Recorder:
         decoded = Counter({channel: tally.samples for channel, tally in self._log.channels.items()})
         span = max(seconds - before, 1e-9)
         self._reported = (seconds, received, decoded)
+        rates = {name: (number - samples[name]) / span for name, number in sorted(decoded.items())}
         health = Health(
             seconds,
             {name: (number - frames[name]) / span for name, number in received.items()},
-            {name: (number - samples[name]) / span for name, number in sorted(decoded.items())},
+            rates,
             self.losses(),
             [reader.receiver.source for reader in self.readers if not (reader.up.is_set() or reader.stopping)],
             self.queue.held,
             self._monitor.status,
             self._log.seconds_to_full(self._published_bytes),
+            self._monitor.rates(rates),
+            self._load.take(span),
+            short_synchronisation(synchronisation()),
+            None if self._publisher is None else self._publisher.listened,
         )
         if self._publisher is not None:
             try:
@@ -394,6 +413,8 @@ def _ledger(health: Health, counts: Losses) -> dict[str, Any]:
         "counts": counts,
         "down": health.down,
         "queue": health.waiting,
+        "load": {name: round(load, 3) for name, load in health.load.items()},
+        "clock": health.clock,
         "sensors": {
             name: {"state": status.state.value, "detail": status.detail, "channels": list(status.channels)}
             for name, status in health.sensors.items()

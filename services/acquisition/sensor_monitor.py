@@ -111,6 +111,17 @@ class SensorMonitor:
         """State of each sensor by name."""
         return dict(self._status)
 
+    def rates(self, samples: Mapping[str, float]) -> dict[str, tuple[float, float | None]]:
+        """Sensor → samples/s of the channel that is farthest from its nominal or learned rate, and that rate [1/s].
+
+        `samples` : channel → samples/s.
+        """
+        out: dict[str, tuple[float, float | None]] = {}
+        for name, one in self._sensors.items():
+            found = [(samples.get(channel, 0.0), self._channels[channel].rate) for channel in one.rates]
+            out[name] = max(found, key=lambda pair: abs(pair[0] / pair[1] - 1.0) if pair[1] else 0.0)
+        return out
+
     def hidden_losses(self) -> dict[str, int]:
         """Bus → samples that were lost unseen by counters of four bits, by the arrivals of those that came."""
         out: dict[str, int] = {}

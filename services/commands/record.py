@@ -19,7 +19,6 @@ from lacet.daq.bus.link import Link
 from lacet.daq.bus.publisher import RunPublisher
 from lacet.daq.bus.session import ROUTER
 from lacet.daq.bus.spool import Spool
-from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.log import LogReader, LogWriter, StartRecord
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
@@ -27,14 +26,12 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.services.acquisition.host_clock import synchronisation
 from lacet.services.acquisition.intake import QUEUE_FRAMES, RESUME_FRAMES, Intake
-from lacet.services.acquisition.log_medium import remaining_text
 from lacet.services.acquisition.offer import keep_blocks
 from lacet.services.acquisition.own_drivers import OPTION as TRUST
 from lacet.services.acquisition.own_drivers import own_drivers
-from lacet.services.acquisition.recorder import Health, Recorder, Summary
+from lacet.services.acquisition.recorder import Recorder, Summary
 from lacet.services.acquisition.resume import broken_run
 from lacet.services.acquisition.run_log import Split
-from lacet.services.acquisition.sensor_monitor import SensorState
 from lacet.services.acquisition.stream_decoder import Decoder
 from lacet.services.acquisition.transports.base import Receiver
 from lacet.services.acquisition.transports.endpoints import (
@@ -47,6 +44,7 @@ from lacet.services.acquisition.transports.endpoints import (
 from lacet.services.commands.bus_options import add_keys, credentials_of, link_of, router_of
 from lacet.services.commands.mark_key import marks_by_key
 from lacet.services.commands.progress import Line
+from lacet.services.render.live_line import live_text, lost_text
 
 HELP = "record an instrumented car: log, decode, publish"
 DESCRIPTION = """\
@@ -66,9 +64,6 @@ goes on.
   lacet record ... --connect tls/10.0.0.9:7447 --keys keys/peugeot   through a router elsewhere
 
 Exit code: 0, or 3 when frames were lost; what was lost where is printed and in the log."""
-
-
-_MANY = 6  # number of sources with the same loss from which they are summed
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -179,8 +174,9 @@ def run(args: argparse.Namespace) -> int:
             publisher,
             axes=axes,
             notify=line.notify,
-            report=lambda health: line.show(describe(health)),
+            report=lambda health: line.show(live_text(health)),
             split=split,
+            buses=rig.buses,
             intake=intake,
             resumed_ns=broken.last_ns if broken else None,
         )
@@ -261,43 +257,6 @@ def _ready(args: argparse.Namespace) -> None:
     if args.endpoints is not None:
         with contextlib.suppress(OSError):
             ready_file(args.endpoints).touch()
-
-
-def describe(health: Health) -> str:
-    """The line of one second: rates, wires that are down, sensors that do not run as they should, losses."""
-    frames = ", ".join(f"{name} {rate:.0f}/s" for name, rate in health.frames.items())
-    down = f"; DOWN: {', '.join(health.down)}" if health.down else ""
-    lost = lost_text(health.losses)
-    running = (SensorState.RUNNING, SensorState.WAITING)
-    faulty = "".join(
-        f"; {name} {one.state.upper()}" for name, one in health.sensors.items() if one.state not in running
-    )
-    families: dict[str, list[float]] = {}
-    for channel, rate in health.samples.items():
-        families.setdefault(CHANNELS[channel].family, []).append(rate)
-    # One rate for the channels of a family: the lowest, where they differ.
-    rates = ", ".join(
-        f"{family} {min(found):.0f}" + (f" to {max(found):.0f}" if max(found) > 1.05 * min(found) else "")
-        for family, found in families.items()
-    )
-    losses = f"LOST {lost}" if lost else "nothing lost"
-    remaining = remaining_text(health.disk_seconds)
-    room = f"; {remaining}" if remaining else ""
-    return f"{health.seconds:.0f} s: {frames}{down}{faulty}; {losses}{room}; samples/s: {rates}"
-
-
-def lost_text(losses: dict[str, dict[str, int]]) -> str:
-    """Losses as text, ``can0 kernel 12, serial0 bad_checksum 1``; a cause common to many sources is summed."""
-    causes: dict[str, dict[str, int]] = {}
-    for source, numbers in losses.items():
-        for cause, number in numbers.items():
-            causes.setdefault(cause, {})[source] = number
-    return ", ".join(
-        f"{cause} {sum(sources.values())} (of {len(sources)} buses and channels)"
-        if len(sources) > _MANY
-        else ", ".join(f"{source} {cause} {number}" for source, number in sources.items())
-        for cause, sources in causes.items()
-    )
 
 
 def _closing(summary: Summary) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from threading import Event
@@ -17,7 +18,7 @@ from lacet.daq.rig import Rig
 from lacet.services.acquisition.recorder import Health, Recorder
 from lacet.services.acquisition.sensor_monitor import SensorMonitor, SensorState, Watched
 from lacet.services.acquisition.stream_decoder import Decoder
-from lacet.services.commands.record import describe
+from lacet.services.render.live_line import live_text
 from tests.support.correvit_wire import CORREVIT, CorrevitWire
 
 T0 = 1_700_000_000_000_000_000
@@ -222,7 +223,8 @@ def test_the_states_are_in_the_log_the_ledger_and_the_live_line(tmp_path: Path):
     states = {(one.name, one.state) for one in reader.events() if one.kind == EventKind.SENSOR}
     assert states == {("lasers", "silent"), ("correvit", "babbling")}
     assert seen[-1].sensors["lasers"].state == SensorState.SILENT
-    assert "; lasers SILENT; correvit BABBLING; " in describe(seen[-1])
+    line = live_text(seen[-1]).splitlines()[1]
+    assert re.fullmatch(r"  lasers SILENT 0/250; correvit BABBLING \d+/250", line), line
     # What babbles is recorded whole.
     assert summary.frames == {"can0": wire.sent}
     assert summary.samples["correvit.speed"] == wire.sent
