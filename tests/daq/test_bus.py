@@ -234,3 +234,23 @@ def test_a_taken_address_and_an_absent_router_are_explained(bus):
 def test_keys_hold_one_chunk_a_part():
     assert chunk("my rig/no. 1*?") == "my_rig_no._1__"
     assert Keys("rig", "run").key("block", "imu.accel") == "lacet/rig/run/block/imu.accel"
+
+
+def test_the_sender_knows_whether_anybody_listens():
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    router, spool = open_session(listen=(endpoint,)), Spool()
+    publisher = RunPublisher(router, "bench", StartRecord("run-1", T0, "", rig_text()), spool)
+    client = open_session(connect=(endpoint,))
+    try:
+        assert publisher.listened is None
+        publisher.put_block("imu.rate", b"a block", 1)
+        wait_until(lambda: publisher.listened is False)
+        listener = BusListener(client)
+        wait_until(lambda: publisher.listened is True)
+        listener.close()
+        wait_until(lambda: publisher.listened is False)
+    finally:
+        client.close()
+        publisher.close()
+        router.close()
+        spool.close()
