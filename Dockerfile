@@ -16,7 +16,7 @@ COPY simulate simulate
 COPY lacet lacet
 RUN python -m uv pip install --system --no-cache --no-deps --no-build-isolation .
 
-RUN useradd --create-home lacet && mkdir /runs && chown lacet /runs
+RUN useradd --create-home lacet && mkdir /runs /study && chown lacet /runs /study
 USER lacet
 WORKDIR /runs
 CMD ["lacet", "--help"]

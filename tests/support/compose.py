@@ -28,5 +28,5 @@ def lacet_commands(service: dict[str, Any]) -> list[list[str]]:
     """Arguments of every ``lacet`` command a service runs, straight or in a shell script."""
     command = service.get("command", [])
     lines = [shlex.join(command)] if command[:1] == ["lacet"] else command[-1].splitlines() if command else []
-    words = [shlex.split(line.rstrip().removesuffix("&")) for line in lines]
+    words = [shlex.split(line.partition("||")[0].rstrip().removesuffix("&")) for line in lines]
     return [line[1:] for line in words if line[:1] == ["lacet"]]

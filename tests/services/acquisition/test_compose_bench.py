@@ -74,6 +74,7 @@ def test_the_bench_brings_a_run_from_the_capture_to_the_worker(machine):
     while not list((folder / "worker-runs").glob("*.mcap")) and time.monotonic() < until:
         time.sleep(0.1)
     (path,) = (folder / "worker-runs").glob("*.mcap")
-    assembled, recorded = LogReader(path).blocks(), LogReader(folder / "recorder-runs" / "bench.mcap").blocks()
+    (log,) = (folder / "recorder-runs").glob("*.mcap")
+    assembled, recorded = LogReader(path).blocks(), LogReader(log).blocks()
     assert len(assembled) == 36
     assert {name: len(block) for name, block in assembled.items()} == {n: len(b) for n, b in recorded.items()}
