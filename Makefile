@@ -117,7 +117,7 @@ catalogue: .venv/.dev
 
 lock: .venv/.uv
 	@$(COMPILE) --group build pyproject.toml -o requirements/run.txt
-	@$(COMPILE) --group build --group dev --extra sim --extra consistency --extra campaign -c requirements/run.txt pyproject.toml -o requirements/dev.txt
+	@$(COMPILE) --group build --group dev --extra sim --extra consistency --extra campaign --extra foxglove -c requirements/run.txt pyproject.toml -o requirements/dev.txt
 	@$(COMPILE) --group build --extra campaign -c requirements/dev.txt pyproject.toml -o requirements/campaign.txt
 	@$(COMPILE) requirements/schema.in -o requirements/schema.txt
 	@if grep -n -i -E 'https?:|file:|index-url|find-links' requirements/*.txt; then \
