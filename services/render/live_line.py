@@ -10,6 +10,7 @@ from lacet.services.acquisition.sensor_monitor import SensorState
 
 COLUMNS = 100
 """Widest line [characters]."""
+_TOGETHER = "\u00a0"  # a space at which no line is broken
 _MANY = 6  # number of sources with the same loss from which they are summed
 _LISTENERS = {True: "a worker listens", False: "nobody listens on the bus", None: ""}
 
@@ -28,13 +29,13 @@ def live_text(health: Health) -> str:
     lost = lost_text(health.losses)
     first = [f"{health.seconds:.0f} s: {buses}", down, f"LOST {lost}" if lost else "nothing lost"]
     third = [remaining_text(health.disk_seconds), f"clock {health.clock}", _LISTENERS[health.listened]]
-    sensors = [_sensor(health, name) for name in health.sensors]
+    sensors = [_sensor(health, name).replace(" ", _TOGETHER) for name in health.sensors]
     lines = ["; ".join(filter(None, first)), "; ".join(sensors), "; ".join(filter(None, third))]
     return "\n".join(
         textwrap.fill(line, COLUMNS, initial_indent="  " if i else "", subsequent_indent="    ", break_on_hyphens=False)
         for i, line in enumerate(lines)
         if line
-    )
+    ).replace(_TOGETHER, " ")
 
 
 def _sensor(health: Health, name: str) -> str:
