@@ -133,7 +133,12 @@ class ClockFit:
         return max(self.segments, key=lambda segment: segment.stop - segment.start).drift
 
 
-def fit_clock(arrival_ns: NDArray[np.int64], device_ns: NDArray[np.int64], step_ns: int = STEP_NS) -> ClockFit:
+def fit_clock(
+    arrival_ns: NDArray[np.int64],
+    device_ns: NDArray[np.int64],
+    step_ns: int = STEP_NS,
+    gap: NDArray[np.bool_] | None = None,
+) -> ClockFit:
     """The fit of a device clock by the lower envelope of (arrival − device).
 
     Parameters
@@ -141,6 +146,7 @@ def fit_clock(arrival_ns: NDArray[np.int64], device_ns: NDArray[np.int64], step_
     arrival_ns : (N,) receipt stamps, in the order received [ns]; N ≥ 1.
     device_ns : (N,) the sensor's own stamps, unwrapped [ns].
     step_ns : smallest lasting step of (arrival − device) that is a jump of a clock [ns]; a passing step is a delay.
+    gap : (N,) samples before which others were lost: the interval before them shows no step.
 
     Raises
     ------
@@ -151,7 +157,8 @@ def fit_clock(arrival_ns: NDArray[np.int64], device_ns: NDArray[np.int64], step_
         raise ValueError(f"{len(arrival)} arrivals, {len(device)} device stamps")
     lag = arrival - device
     group, outlier = _stretches(lag, device, arrival, step_ns)
-    group = _parted_at(group, _shown_steps(lag, device, arrival, group))
+    shown = _shown_steps(lag, device, arrival, group)
+    group = _parted_at(group, [at for at in shown if gap is None or not gap[at]])
     found = _fit(arrival, device, group, outlier)
     if len(found.doubtful) and np.any(early := _early_alone(lag) & ~outlier):
         found = _fit(arrival, device, group, outlier | early)

@@ -110,7 +110,8 @@ def _on_device_clock(block: Block, problems: list[str]) -> tuple[np.ndarray, Blo
     read = np.flatnonzero((block.flags & int(Flag.CHECKSUM | Flag.INCOMPLETE)) == 0)
     if not len(read):
         return block.t_ns, block
-    fit = fit_clock(block.t_ns[read], block.device_ns[read])
+    gap = (block.flags[read] & int(Flag.GAP)) != 0
+    fit = fit_clock(block.t_ns[read], block.device_ns[read], gap=gap)
     t_ns, flags = block.t_ns.copy(), block.flags.copy()
     t_ns[read] = fit.stamps
     wrong, doubtful = read[fit.outliers], read[fit.doubtful]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lacet.daq.blocks import UNUSABLE, Block, Flag
 from lacet.daq.channels import CHANNELS
-from lacet.daq.clock import STEP_NS, UNSEEN
+from lacet.daq.clock import ALIKE_NS, SHOWN_NS, STEP_NS, UNSEEN
 from lacet.daq.stuck import LEARNED, MOVING, SPEEDS, instrument, is_noisy, noise_count, window_length
 
 SILENCE = 0.5
@@ -36,6 +36,8 @@ CLEARED = 1.0
 """Time without the fault after which a sensor is running again [s]."""
 LEVEL_NS = 500_000_000
 """Stretch of which the least delay is taken [ns]: a step of a clock is seen within two of them."""
+INTERVALS = 50
+"""Intervals between a sensor's own stamps of which the median is the usual one."""
 USUAL = 3
 """Stretches from which it is known how the least delay usually changes: by nothing, unless the rate is another."""
 
@@ -196,6 +198,9 @@ class _Level:
     least: int | None = None
     since_ns: int = 0
     steps: deque[int] = field(default_factory=lambda: deque[int](maxlen=8))
+    device_ns: int | None = None
+    intervals: deque[int] = field(default_factory=lambda: deque[int](maxlen=INTERVALS))
+    shown: tuple[list[int], list[int]] = field(default_factory=lambda: ([], []))
 
     def forget(self) -> None:
         """Begin anew."""
@@ -220,11 +225,26 @@ class _Level:
             self.lost += UNSEEN * round(step / values)
 
     def by_device(self, block: Block, device_ns: NDArray[np.int64]) -> None:
-        """Follow a device clock."""
+        """Follow a device clock; of steps too small to be distinguished from delays those that its own stamps show."""
         good = (block.flags & np.uint8(UNUSABLE & ~Flag.RANGE & ~Flag.STATUS)) == 0
-        if good.any():
-            step = self._step((block.t_ns - device_ns)[good], block.t_ns[good])
-            self.jump_ns = step if abs(step) > STEP_NS else 0
+        if not good.any():
+            return
+        device = device_ns[good]
+        intervals = np.diff(device, prepend=device[0] if self.device_ns is None else self.device_ns)
+        if len(self.intervals) == INTERVALS:
+            lost = (block.flags[good] & np.uint8(Flag.GAP)) != 0
+            further = np.where(lost, 0, intervals - int(np.median(self.intervals)))
+            self.shown[1].extend(further[np.abs(further) >= SHOWN_NS].tolist())
+        self.intervals.extend(intervals.tolist())
+        self.device_ns = int(device[-1])
+        begun = self.since_ns
+        step = self._step((block.t_ns - device_ns)[good], block.t_ns[good])
+        seen = any(
+            abs(step + size) <= ALIKE_NS and 2 * abs(step + size) < abs(size) for part in self.shown for size in part
+        )
+        self.jump_ns = step if abs(step) > STEP_NS or seen else 0
+        if self.since_ns != begun:
+            self.shown = (self.shown[1], [])
 
     def _step(self, lag: NDArray[np.int64], t_ns: NDArray[np.int64]) -> int:
         """The step of the least delay from the stretch before to the one that ends here, beyond the usual one; or 0."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import time
 from pathlib import Path
 from threading import Event as Flag
 
@@ -14,7 +16,13 @@ from lacet.daq.formats.log_run import build_run
 from lacet.daq.frames import Frames
 from lacet.daq.rig import Rig
 from lacet.drivers import open_driver
-from lacet.services.acquisition.host_clock import STEP_NS, HostClock, describe_synchronisation, synchronisation
+from lacet.services.acquisition.host_clock import (
+    STEP_NS,
+    HostClock,
+    describe_synchronisation,
+    synchronisation,
+    time_sources,
+)
 from lacet.services.acquisition.recorder import Recorder
 from lacet.services.acquisition.stream_decoder import Decoder
 from lacet.services.workspace.decode import decode_log
@@ -142,6 +150,42 @@ def test_a_run_through_a_step_of_the_machine_is_whole_and_names_the_machine(tmp_
     assert all(signal.usable.all() for signal in run.signals.values())
     decode_log(path, tmp_path / "again.mcap")
     assert LogReader(tmp_path / "again.mcap").events() == reader.events()
+
+
+CHRONY = "A29FC87B,time.example.org,3,1763000000.1,-0.000012345,0.000001,0.000034567,1.5,0.0,0.1,0.01,0.002,64,Normal"
+
+
+def test_what_the_time_comes_from_is_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """chronyc's answer, and a clock of which the machine's own, 37 s ahead, takes the place."""
+    program = tmp_path / "chronyc"
+    program.write_text(f'#!/bin/sh\n[ "$*" = "-c tracking" ] && echo "{CHRONY}"\n')
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    (tmp_path / "ptp0").touch()
+    (tmp_path / "names" / "ptp0").mkdir(parents=True)
+    (tmp_path / "names" / "ptp0" / "clock_name").write_text("NIC clock\n")
+    real = time.clock_gettime_ns
+    opened = list[int]()
+
+    def read(clock: int) -> int:
+        opened.append(~(clock >> 3))  # the file of the device, which must be open
+        os.fstat(opened[-1])
+        return real(time.CLOCK_REALTIME) + 37 * 10**9
+
+    monkeypatch.setattr(time, "clock_gettime_ns", read)
+    chrony, clock = time_sources(tmp_path, tmp_path / "names")
+    assert chrony == "chrony follows time.example.org (stratum 3), -0.012 ms off, 0.035 ms in the long run, normal"
+    assert clock.startswith(("ptp0 (NIC clock) is +37.0", "ptp0 (NIC clock) is +36.99"))
+    assert opened
+    assert chrony in synchronisation()
+
+
+def test_a_clock_that_is_none_is_said_and_no_chrony_is_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert time_sources(tmp_path) == []
+    (tmp_path / "ptp0").touch()  # no clock of the kernel
+    (said,) = time_sources(tmp_path)
+    assert said == "ptp0 (unnamed) cannot be read: Invalid argument"
 
 
 def test_how_far_the_clock_can_be_trusted_is_said_in_words():

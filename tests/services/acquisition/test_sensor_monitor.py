@@ -10,7 +10,7 @@ from threading import Event
 import numpy as np
 import pytest
 
-from lacet.daq.blocks import Block
+from lacet.daq.blocks import Block, Flag
 from lacet.daq.channels import CHANNELS
 from lacet.daq.formats.events import EventKind
 from lacet.daq.formats.log import LogReader, LogWriter, StartRecord
@@ -129,6 +129,42 @@ def test_each_fault_is_seen_within_a_second_by_name_and_so_is_its_end(fault):
     if state != SensorState.CLOCK:  # the clock jumps back then
         assert len(bench.told) == 2
         assert ends[0][0] - 14.0 <= 2.2
+
+
+@pytest.mark.parametrize("step", [5, 10, 15, 19, 40, -5, -10, -15, -19, -40])
+@pytest.mark.parametrize("jitter", [1, 5])
+def test_a_step_of_a_sensor_s_clock_is_seen_within_a_second(step: int, jitter: int):
+    bench = Bench(seed=step % 7)
+
+    def late(block: Block, by_ms: int = 0) -> list[Block]:
+        delays = bench.rng.integers(0, 1_000_000 * jitter, len(block))
+        t_ns = np.maximum.accumulate(block.device_ns + T0 - 5 * 10**9 + delays)
+        return [Block(block.channel, t_ns, block.values, block.flags, block.device_ns + by_ms * 1_000_000)]
+
+    bench.run(12.0, only("imu", late))
+    assert bench.told == []
+    bench.run(4.0, only("imu", lambda block: late(block, step)))
+    when, name, state, said = bench.told[0]
+    assert (name, state) == ("imu", SensorState.CLOCK)
+    assert when - 12.0 <= 1.0 + 1e-6
+    size = float(said.split("jumped by ")[1].split(" s")[0])
+    assert abs(1e3 * size - step) <= 2.0
+    assert [told[2] for told in bench.told[1:]] == [SensorState.RUNNING]
+
+
+def test_lost_samples_and_late_ones_are_no_steps_of_a_clock():
+    bench = Bench()
+
+    def worn(block: Block) -> list[Block]:
+        came = bench.rng.random(len(block)) > 0.02
+        came[0] = True
+        kept = part(block, came)
+        gap = np.where(np.concatenate(([False], ~came[:-1]))[came], np.uint8(Flag.GAP), np.uint8(0))
+        late = 4_000_000 if 9.0 < bench.now < 12.0 else 0
+        return [Block(kept.channel, kept.t_ns + late, kept.values, gap, kept.device_ns)]
+
+    bench.run(20.0, only("imu", worn))
+    assert bench.told == []
 
 
 def test_a_sensor_that_never_came_is_named_after_a_second():
