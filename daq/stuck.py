@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,6 +143,7 @@ def _turning(signals: Mapping[str, Signal], channel: str, t: NDArray[np.float64]
     return SPEEDS["wheel.speed"] * found > MOVING
 
 
+@cache
 def instrument(channel: str) -> tuple[str, str | None]:
     """What a channel is measured by: its instrument, at its corner."""
     return channel.partition(".")[0], CHANNELS[channel].corner

@@ -18,7 +18,7 @@ MEMORY = 64 << 20
 """Largest size of messages held in memory when the disk is full [bytes]; about four minutes of a full rig."""
 LONGEST_RUN = 24 * 3600.0
 """Duration of the longest run [s]."""
-BLOCK_RATE = 20.0
+BLOCK_RATE = 40.0
 """Most blocks a second of one channel [1/s]: twice what a recorder makes (`BATCH`)."""
 MOST_BLOCKS = round(LONGEST_RUN * BLOCK_RATE)
 """Most blocks of one channel in a run: numbers from here on are not stored, whoever sends them."""

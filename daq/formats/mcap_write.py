@@ -11,7 +11,7 @@ import os
 import struct
 import zlib
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +43,8 @@ _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log ti
 _MESSAGE_REST = _MESSAGE.size - 9
 _CHUNK = struct.Struct("<BQQQQII4sQ")  # opcode, length, times, size and CRC unpacked, compression, size packed
 _INDEX_SIZE = struct.calcsize("<BQHI")  # opcode, length, channel, size of the entries
-_RECORDS = 1000  # of the index at the end, passed to the operating system at a time
+_RECORDS = 1000  # of the index at the end, packed or passed to the operating system at a time
+_RECORD = struct.Struct("<BQ")  # opcode, length
 _FOOTER = struct.Struct("<BQQQ")  # opcode, length, start of the summary, start of its offsets
 
 
@@ -64,7 +65,7 @@ class McapWriter:
         self._compress = zstandard.ZstdCompressor().compress
         self._schemas: dict[tuple[str, str, bytes], Schema] = {}
         self._channels: dict[str, Channel] = {}
-        self._indexes: list[bytes] = []  # of chunks, as records
+        self._indexes = _Records()  # of chunks
         self._metadata: list[MetadataIndex] = []
         self._counts: dict[int, int] = defaultdict(int)
         self._first_ns = self._last_ns = 0
@@ -191,7 +192,7 @@ class McapWriter:
             *(first, last, begin, length, 5 * len(offsets), *offsets),
             *(sink.position - begin - length, name, COMPRESSION, len(packed), size),
         )
-        self._indexes.append(struct.pack("<BQ", Opcode.CHUNK_INDEX, len(summary)) + summary)
+        self._indexes.add(_RECORD.pack(Opcode.CHUNK_INDEX, len(summary)) + summary)
         self._chunk = _Chunk()
 
     def _statistics(self) -> Statistics:
@@ -222,6 +223,35 @@ def describe(kind: Any) -> bytes:
     for file in found.values():
         file.CopyToProto(files.file.add())
     return files.SerializeToString(deterministic=True)
+
+
+class _Records:
+    """Records kept until the end of the file, packed: those of ten chunks a second are much alike."""
+
+    def __init__(self) -> None:
+        self._packed: list[bytes] = []
+        self._open: list[bytes] = []
+        self._number = 0
+
+    def __len__(self) -> int:
+        return self._number
+
+    def add(self, record: bytes) -> None:
+        """Append a record."""
+        self._open.append(record)
+        self._number += 1
+        if len(self._open) == _RECORDS:
+            self._packed.append(zstandard.compress(b"".join(self._open)))
+            self._open.clear()
+
+    def __iter__(self) -> Iterator[bytes]:
+        for packed in self._packed:
+            records, at = zstandard.decompress(packed), 0
+            while at < len(records):
+                end = at + _RECORD.size + _RECORD.unpack_from(records, at)[1]
+                yield records[at:end]
+                at = end
+        yield from self._open
 
 
 def _record(record: McapRecord) -> bytes:

@@ -199,6 +199,7 @@ class _Level:
     since_ns: int = 0
     steps: deque[int] = field(default_factory=lambda: deque[int](maxlen=8))
     device_ns: int | None = None
+    usual_ns: int = 0
     intervals: deque[int] = field(default_factory=lambda: deque[int](maxlen=INTERVALS))
     shown: tuple[list[int], list[int]] = field(default_factory=lambda: ([], []))
 
@@ -231,9 +232,9 @@ class _Level:
             return
         device = device_ns[good]
         intervals = np.diff(device, prepend=device[0] if self.device_ns is None else self.device_ns)
-        if len(self.intervals) == INTERVALS:
+        if self.usual_ns:
             lost = (block.flags[good] & np.uint8(Flag.GAP)) != 0
-            further = np.where(lost, 0, intervals - int(np.median(self.intervals)))
+            further = np.where(lost, 0, intervals - self.usual_ns)
             self.shown[1].extend(further[np.abs(further) >= SHOWN_NS].tolist())
         self.intervals.extend(intervals.tolist())
         self.device_ns = int(device[-1])
@@ -245,6 +246,8 @@ class _Level:
         self.jump_ns = step if abs(step) > STEP_NS or seen else 0
         if self.since_ns != begun:
             self.shown = (self.shown[1], [])
+            if len(self.intervals) == INTERVALS:
+                self.usual_ns = int(np.median(self.intervals))
 
     def _step(self, lag: NDArray[np.int64], t_ns: NDArray[np.int64]) -> int:
         """The step of the least delay from the stretch before to the one that ends here, beyond the usual one; or 0."""

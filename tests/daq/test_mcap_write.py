@@ -10,6 +10,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
 
+from lacet.daq.formats import mcap_write
 from lacet.daq.formats.mcap_write import PROTOBUF, McapWriter, describe
 from lacet.daq.schema import lacet_pb2 as pb
 from lacet.daq.topics import PROFILE
@@ -46,7 +47,8 @@ def by_library(flushes: set[int]) -> bytes:
 
 
 @pytest.mark.parametrize("flushes", [set(), {0}, {2, 3, 9}, {5, 12}, set(range(13))], ids=str)
-def test_same_bytes_as_the_library(tmp_path: Path, flushes: set[int]):
+def test_same_bytes_as_the_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flushes: set[int]):
+    monkeypatch.setattr(mcap_write, "_RECORDS", 3)  # so that some of the index is packed
     path = tmp_path / "a.mcap"
     writer = McapWriter(path)
     writer.metadata("lacet.start", {"b": "1", "a": "2"})
