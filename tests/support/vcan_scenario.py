@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import os
 import socket
+import struct
 import subprocess
 import sys
 import time
@@ -72,6 +73,79 @@ def replay_into_record(folder: Path) -> None:
     say("replay into record", same and not summary.losses, frames=summary.frames, losses=summary.losses)
     samples = {name: len(block) for name, block in got.blocks().items()}
     say("channels are decoded", len(samples) == 25 and min(samples.values()) > 0, samples=len(samples))
+
+
+ERRORS = ((0x004, 0x10), (0x040, 0), (0x100, 0))
+"""Error frames (class, state of the controller) of error passive, bus-off and restart; linux/can/error.h."""
+DOWN_SECONDS = 3.0
+ALMOST = 60
+"""Most frames that are sent in the half second in which the interface is up and the recorder does not know yet, and in
+the moment in which it goes down."""
+
+
+def faults_in_mid_run(folder: Path) -> None:
+    """Both buses at once: error frames on the first, the second one's interface down for 3 s and up again."""
+    capture = LogReader(folder / "capture.mcap")
+    rig = Rig.parse(capture.start.rig_text)
+    stored = {name: capture.frames(name) for name in ("can0", "can1")}
+    receivers = [open_receiver(rig.buses[name], default_endpoint(rig.buses, name, sending=False)) for name in stored]
+    path = Path(os.environ.get("TMPDIR", "/tmp")) / "faults.mcap"
+    told: list[str] = []
+    log = LogWriter(path, StartRecord("faults", time.time_ns(), "", rig.text))
+    recorder = Recorder(receivers, Decoder(rig), log, notify=told.append)
+    ready = Event()
+    unsent = dict.fromkeys(stored, 0)
+
+    def play(name: str, frames: Frames) -> None:
+        ready.wait(30.0)
+        sender = SocketCanSender(name, f"v{name}")
+        sender.open()
+        begun, first = time.monotonic(), int(frames.t_ns[0])
+        for i in range(len(frames)):
+            time.sleep(max(0.0, begun + 3.0 * (int(frames.t_ns[i]) - first) / 1e9 - time.monotonic()))
+            before = sender.unsent
+            try:
+                sender.send(frames[i : i + 1])
+                unsent[name] += sender.unsent - before
+            except OSError:  # the interface is down
+                unsent[name] += 1
+        sender.close()
+
+    def disturb() -> None:
+        ready.wait(30.0)
+        time.sleep(1.0)
+        with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as raw:
+            raw.bind(("vcan0",))
+            for bits, state in ERRORS:
+                raw.send(struct.pack("=IB3x8s", 0x2000_0000 | bits, 8, bytes([0, state, 0, 0, 0, 0, 0, 0])))
+        subprocess.run(["ip", "link", "set", "vcan1", "down"], check=True)
+        time.sleep(DOWN_SECONDS)
+        subprocess.run(["ip", "link", "set", "vcan1", "up"], check=True)
+
+    threads = [Thread(target=play, args=item) for item in stored.items()] + [Thread(target=disturb)]
+    for thread in threads:
+        thread.start()
+    summary = recorder.run(Event(), until_idle=4.0, on_ready=ready.set)
+    for thread in threads:
+        thread.join()
+    got = LogReader(path)
+    causes = {name: summary.losses.get(name, {}) for name in stored}
+    whole = np.array_equal(got.frames("can0").data, stored["can0"].data) and unsent["can0"] == 0
+    errors = {cause: causes["can0"].get(cause) for cause in ("error_passive", "bus_off", "restarted")}
+    said = [line for line in told if line.startswith("can0: ") and ("bus-off" in line or "restart" in line)]
+    say(
+        "bus-off is said, and the data beside it is whole", whole and set(errors.values()) == {1} and len(said) >= 2,
+        errors=errors, said=said, losses=causes["can0"],
+    )  # fmt: skip
+    states = [one.state for one in got.events() if one.name == "can1" and one.state in ("down", "up")]
+    came = len(got.frames("can1"))
+    lost = len(stored["can1"]) - came
+    say(
+        "a link that is down for 3 s costs only its own frames",
+        causes["can1"].get("link_down") == 1 and states == ["down", "up"] and 0 < lost < len(stored["can1"])
+        and unsent["can1"] <= lost <= unsent["can1"] + ALMOST,
+        states=states, came=came, lost=lost, unsent=unsent, told=told[-12:],
+    )  # fmt: skip
 
 
 def extended_ids() -> None:
@@ -137,6 +211,7 @@ def main() -> None:
     overflow()
     link_down()
     replay_into_record(Path(sys.argv[1]))
+    faults_in_mid_run(Path(sys.argv[1]))
 
 
 if __name__ == "__main__":

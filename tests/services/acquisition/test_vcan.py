@@ -1,4 +1,8 @@
-"""Real SocketCAN, in a User-Mode-Linux guest: `make test-vcan`. One boot for all: it is slow there."""
+"""Real SocketCAN, in a User-Mode-Linux guest: `make test-vcan`. One boot for all: it is slow there.
+
+vcan has no controller: its error frames are sent by a raw socket, as the kernel would hand them over. That a bus-off
+ends all traffic until the restart, bit errors and lost arbitration cannot be had on it.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +24,8 @@ CHECKS = (
     "vcan is chosen by itself",
     "replay into record",
     "channels are decoded",
+    "bus-off is said, and the data beside it is whole",
+    "a link that is down for 3 s costs only its own frames",
 )
 
 
