@@ -70,11 +70,14 @@ def main() -> None:
     """Measure and print; with ``--write`` write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--write", action="store_true", help="write docs/benchmarks/live.md")
-    parser.add_argument("--runs", default="1x600,3x60", help="SPEEDxSECONDS of each recording (1x600,3x60)")
+    parser.add_argument("--runs", default="3x60,1x600", help="SPEEDxSECONDS of each recording (3x60,1x600)")
     args = parser.parse_args()
-    found = [measure(*map(float, run.split("x"))) for run in args.runs.split(",")]
+    found: list[Measured] = []
+    for run in args.runs.split(","):
+        speed, seconds = map(float, run.split("x"))
+        found.append(measure(speed, seconds))
+        print(row(found[-1]), flush=True)
     text = page(found)
-    print(text)
     if args.write:
         PAGE.write_text(text, encoding="utf-8")
 
@@ -100,7 +103,7 @@ def _recorded(folder: Path, speed: float, seconds: float) -> Measured:
     replay = [*lacet, "replay", "capture.mcap", "--speed", f"{speed:g}", "--endpoints", "wires.json", "--wait", "30"]
     record = [
         *lacet, "record", "--rig", "rig.toml", "--vehicle", "vehicle.toml", "-o", "run.mcap",
-        "--endpoints", "wires.json", "--until-idle", "2", "--listen", endpoint, "--ack-wait", "0",
+        "--endpoints", "wires.json", "--until-idle", "10", "--listen", endpoint, "--ack-wait", "0",
         "--json", "record.json",
     ]  # fmt: skip
     env = {**os.environ, "PYTHONPATH": str(HOME)}
@@ -179,15 +182,19 @@ def page(found: list[Measured]) -> str:
         "| full rig | for | frames | lost | late, median | 99 % | largest | memory | grows by | processor | load |",
         "|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]
-    for one in found:
-        median, most = np.percentile(one.late_ms, [50, 99])
-        lost = sum(sum(causes.values()) for causes in one.losses.values())
-        lines.append(
-            f"| {one.speed:g} × | {one.seconds:.0f} s | {one.frames:,} | {lost} | {median:.0f} ms | {most:.0f} ms "
-            f"| {max(one.late_ms):.0f} ms | {one.memory[-1][1]:.0f} MB | {one.growth:+.2f} MB/min "
-            f"| {100 * one.processor:.0f} % | {one.load[0]:.1f} → {one.load[1]:.1f} |"
-        )
+    lines += map(row, found)
     return "\n".join(lines) + "\n"
+
+
+def row(one: Measured) -> str:
+    """A recording's line of the table."""
+    median, most = np.percentile(one.late_ms, [50, 99])
+    lost = sum(sum(causes.values()) for causes in one.losses.values())
+    return (
+        f"| {one.speed:g} × | {one.seconds:.0f} s | {one.frames:,} | {lost} | {median:.0f} ms | {most:.0f} ms "
+        f"| {max(one.late_ms):.0f} ms | {one.memory[-1][1]:.0f} MB | {one.growth:+.2f} MB/min "
+        f"| {100 * one.processor:.0f} % | {one.load[0]:.1f} → {one.load[1]:.1f} |"
+    )
 
 
 if __name__ == "__main__":
