@@ -116,9 +116,9 @@ catalogue: .venv/.dev
 	@$(PY) -m benchmarks.catalogue_page
 
 lock: .venv/.uv
-	@$(COMPILE) --group build pyproject.toml -o requirements/run.txt
-	@$(COMPILE) --group build --group dev --extra sim --extra consistency --extra campaign --extra foxglove -c requirements/run.txt pyproject.toml -o requirements/dev.txt
-	@$(COMPILE) --group build --extra campaign -c requirements/dev.txt pyproject.toml -o requirements/campaign.txt
+	@$(COMPILE) --group build --extra plots --extra ui --extra logs pyproject.toml -o requirements/run.txt
+	@$(COMPILE) --group build --group dev --extra all -c requirements/run.txt pyproject.toml -o requirements/dev.txt
+	@$(COMPILE) --group build --extra plots --extra ui --extra logs --extra campaign -c requirements/dev.txt pyproject.toml -o requirements/campaign.txt
 	@$(COMPILE) requirements/schema.in -o requirements/schema.txt
 	@if grep -n -i -E 'https?:|file:|index-url|find-links' requirements/*.txt; then \
 		echo 'lock: an address got into the files above; see the settings of uv on this machine'; exit 1; fi

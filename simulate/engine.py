@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.channels import CORNERS
-from lacet.daq.errors import UsageError
+from lacet.daq.parts import from_part
 from lacet.simulate.attached import attached_bodies
 from lacet.simulate.cars import Car
 from lacet.simulate.hidden import Hidden, one_of, suspension_law, total_at, total_of
@@ -34,11 +34,9 @@ STEER_FREQUENCY = 60.0  # rad/s: natural frequency of the steering's response to
 
 
 def engine_library() -> Any:
-    """The MuJoCo module. Raises UsageError with the remedy when it is not installed."""
-    try:
+    """The MuJoCo module. Raises MissingPart when it is not installed."""
+    with from_part("sim"):
         lib = importlib.import_module("mujoco")
-    except ImportError:
-        raise UsageError("the simulated car needs MuJoCo: install it with  pip install 'lacet[sim]'") from None
     # By default MuJoCo writes a file MUJOCO_LOG.TXT in the working folder; failed runs are reported by name instead.
     lib.set_mju_user_warning(logging.getLogger(__name__).debug)
     return lib

@@ -11,6 +11,7 @@ import numpy as np
 
 from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import RunError
+from lacet.daq.parts import from_part
 from lacet.daq.rig import WHEEL_REFERENCES
 from lacet.daq.run import BRAKES, METADATA_KEYS, Run
 
@@ -31,8 +32,9 @@ def write_mf4(run: Run, path: Path, start_ns: int | None = None) -> None:
     if not run.signals:
         raise RunError(path, ["there is nothing to write: the run has no channels"])
     # Imported here: pandas, which it depends on, takes seconds to load.
-    from asammdf import MDF
-    from asammdf import Signal as Column
+    with from_part("logs"):
+        from asammdf import MDF
+        from asammdf import Signal as Column
 
     with MDF(version="4.10") as mdf:
         mdf.identification.program_identification = PROGRAM

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from lacet.daq.parts import from_part
 from lacet.daq.sources.columns import find_time, is_time_name, with_unit
 from lacet.daq.sources.shares import SharedSource, Stored
 from lacet.daq.sources.source import Listed, Reading, fault, read_by_library
@@ -71,7 +72,8 @@ class MatSource(SharedSource):
         with self.path.open("rb") as stream:
             begin = stream.read(128)
         if b"MATLAB 7.3" in begin or begin.startswith(b"\x89HDF"):
-            import h5py
+            with from_part("logs"):
+                import h5py
 
             with read_by_library(self.path, "as MATLAB 7.3"):
                 self._file = h5py.File(self.path, "r")

@@ -10,6 +10,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from lacet.daq.parts import from_part
 from lacet.daq.sources.source import PIECE_SAMPLES, Listed, Piece, Reading, Series, Source, fault, read_by_library
 
 _PROBED = 5
@@ -95,8 +96,10 @@ class McapMessages(Source):
 def _reader(stream: BinaryIO) -> Any:
     """A reader of messages that takes no record for longer than the file."""
     from mcap.reader import SeekingReader
-    from mcap_protobuf.decoder import DecoderFactory as Protobuf
-    from mcap_ros2.decoder import DecoderFactory as Ros2
+
+    with from_part("logs"):
+        from mcap_protobuf.decoder import DecoderFactory as Protobuf
+        from mcap_ros2.decoder import DecoderFactory as Ros2
 
     size = os.fstat(stream.fileno()).st_size
     return SeekingReader(stream, decoder_factories=[Protobuf(), Ros2()], record_size_limit=size)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from lacet.daq.parts import from_part
 from lacet.daq.sources.shares import SharedSource, Stored
 from lacet.daq.sources.source import Array, Listed, Reading, fault
 
@@ -29,7 +30,8 @@ def open_mdf(path: Path) -> Any:
     except OSError as cause:
         raise fault(path, f"cannot be read: {cause.strerror}") from None
     # Imported here: pandas, which it depends on, takes seconds to load.
-    from asammdf import MDF
+    with from_part("logs"):
+        from asammdf import MDF
 
     # A truncated file makes the library raise any exception, and a second one when its object is deleted.
     hook, sys.unraisablehook = sys.unraisablehook, lambda _: None

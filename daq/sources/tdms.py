@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from lacet.daq.parts import from_part
 from lacet.daq.sources.columns import find_time, is_time_name, with_unit
 from lacet.daq.sources.shares import SharedSource, Stored
 from lacet.daq.sources.source import Array, Listed, Reading, fault, read_by_library
@@ -19,7 +20,8 @@ class TdmsSource(SharedSource):
 
     def __init__(self, path: Path, reading: Reading):
         super().__init__(path)
-        from nptdms import TdmsFile
+        with from_part("logs"):
+            from nptdms import TdmsFile
 
         without: list[str] = []
         with read_by_library(path, "as TDMS"):

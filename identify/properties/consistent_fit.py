@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.daq.errors import SolverError, UsageError
+from lacet.daq.errors import SolverError
+from lacet.daq.parts import from_part
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Parameter
 from lacet.identify.multibody.vectors import Array
@@ -126,7 +127,7 @@ class Consistency:
 def consistency(fitted: Fit, draws: int = DRAWS) -> Consistency:
     """The physical consistency of a fit, and its distance to the nearest consistent one.
 
-    Raises UsageError without the extra ``consistency`` (cvxpy and clarabel), SolverError when the solver fails.
+    Raises MissingPart without the extra ``consistency`` (cvxpy and clarabel), SolverError when the solver fails.
     """
     checks, known = check_bodies(fitted), Information.of(fitted)
     projection = _Projection(fitted, known, bodies(fitted))
@@ -150,7 +151,7 @@ def consistency(fitted: Fit, draws: int = DRAWS) -> Consistency:
 def consistent_fit(fitted: Fit) -> ConsistentFit:
     """The consistent fit nearest to a fit; the fit itself where it is consistent.
 
-    Raises UsageError without the extra ``consistency`` (cvxpy and clarabel), SolverError when the solver fails.
+    Raises MissingPart without the extra ``consistency`` (cvxpy and clarabel), SolverError when the solver fails.
     """
     known = Information.of(fitted)
     projection = _Projection(fitted, known, bodies(fitted))
@@ -365,12 +366,7 @@ def _squares(fitted: Fit) -> dict[Row, float]:
 
 
 def convex_solver() -> Any:
-    """The module cvxpy. Raises UsageError without the extra ``consistency``."""
-    try:
+    """The module cvxpy. Raises MissingPart without the extra ``consistency``."""
+    with from_part("consistency"):
         importlib.import_module("clarabel")
         return importlib.import_module("cvxpy")
-    except ImportError:
-        raise UsageError(
-            "the consistent fit needs cvxpy and clarabel: install the extra with pip install 'lacet[consistency]' "
-            "(the test of each body by itself works without them)"
-        ) from None

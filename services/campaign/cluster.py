@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from lacet.daq.errors import LacetError, UsageError
+from lacet.daq.parts import from_part
 from lacet.identify.progress import silent
 from lacet.identify.regression.sums.tree import groups
 from lacet.services.cache.keys import key_of
@@ -45,13 +46,12 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
     scheduler : address of a Dask scheduler, ``tcp://host:8786``; None: a local cluster.
     workers : number of local workers; by default one for each processor.
 
-    Raises UsageError when Dask is not installed, no scheduler or worker answers, or a worker has another lacet.
+    Raises MissingPart when Dask is not installed, UsageError when no scheduler or worker answers or a worker has
+    another lacet.
     """
-    try:
+    with from_part("campaign"):
         import dask.config
         import distributed
-    except ImportError:
-        raise UsageError("lacet campaign needs Dask, which is not installed: pip install 'lacet[campaign]'") from None
     settings = {
         "distributed.worker.multiprocessing-method": "spawn",  # a fork would inherit the threads' locks
         "distributed.worker.daemon": True,

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from lacet.daq.formats.result import DONE, write_result
+from lacet.daq.parts import require
 from lacet.identify.validation.score import worst_row
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
@@ -40,6 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compare and print."""
+    if not args.no_pictures:
+        require("plots", "give --no-pictures")
     study = Study.open(args.study)
     version = study.version(args.version)
     pictures: list[Path] = []

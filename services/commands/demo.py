@@ -15,6 +15,7 @@ from lacet.daq.errors import UsageError
 from lacet.daq.formats.log import LogReader
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
+from lacet.daq.parts import require
 from lacet.identify.selection.diagnose import Diagnosis
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS
 from lacet.identify.validation.score import failing_rows, pooled_ratio, worst_row
@@ -54,6 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the demonstration."""
+    require("plots")
     captures = {file.stem: file for file in sorted(args.captures.glob("*.mcap"))}
     if _LIVE not in captures or len(captures) < 2:
         raise UsageError(f"{args.captures} does not hold captures ({_LIVE}.mcap and others); run it in lacet's folder")

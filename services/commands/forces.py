@@ -7,6 +7,7 @@ from pathlib import Path
 
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, write_result
+from lacet.daq.parts import require
 from lacet.identify.regression.wls import corrected_run
 from lacet.identify.wheel_loads.known_car import Changes
 from lacet.identify.wheel_loads.measured_forces import errors, has_loads
@@ -64,6 +65,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(
             f"--rest {args.rest[0]:g} {args.rest[1]:g}: the car stands from the first to the second second"
         )
+    if not args.no_picture:
+        require("plots", "give --no-picture")
     study = Study.open(args.study)
     version = study.version(args.version)
     picture: Path | None = None

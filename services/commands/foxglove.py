@@ -15,6 +15,7 @@ from lacet.daq.bus.listener import BusListener
 from lacet.daq.bus.session import ROUTER, open_session
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, write_result
+from lacet.daq.parts import from_part
 from lacet.services.commands.bus_options import add_keys, credentials_of, router_of
 from lacet.services.exports.live_viewer import LAYOUT, LiveViewer
 
@@ -47,10 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C."""
-    try:
+    with from_part("foxglove"):
         sdk = importlib.import_module("foxglove")
-    except ImportError:
-        raise UsageError("this needs the extra 'foxglove': pip install 'lacet[foxglove]'") from None
     host, _, port = args.listen.rpartition(":")
     if not host or not port.isdecimal() or int(port) > 65_535:
         raise UsageError(f"--listen {args.listen}: write HOST:PORT, for example {HERE}")

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
+from lacet.daq.parts import require
 from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
 from lacet.identify.progress import Stage
 from lacet.identify.properties.consistent_fit import consistency, consistent_fit
@@ -82,6 +83,10 @@ def _stretches(args: argparse.Namespace) -> list[Stretch]:
 
 def run(args: argparse.Namespace) -> int:
     """Fit and print; 3 when a run was damaged or left out, or nothing is identifiable."""
+    if args.pictures is not None:
+        require("plots", "leave --pictures away")
+    if args.consistent:
+        require("consistency", "leave --consistent away")
     with Line("identify") as line:
         line.progress(planned(_stretches(args)))
         filters = default_filters(args.cutoff)

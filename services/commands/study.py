@@ -10,6 +10,7 @@ from lacet.daq.errors import LacetError, UsageError
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.formats.run_files import first_files
+from lacet.daq.parts import require
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS, LEAST_DRAWS
 from lacet.services.cache.store import FOLDER, Store
 from lacet.services.commands.progress import Line
@@ -58,6 +59,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Create or show a study."""
+    if args.report:
+        require("plots", "leave --report away")
     new, folder = _words(args.words)
     if new:
         study, warnings = _new(args, folder)

@@ -10,6 +10,7 @@ from lacet.daq.bus.certificates import Role
 from lacet.daq.bus.credentials import check_endpoint
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, write_result
+from lacet.daq.parts import require
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS, LEAST_DRAWS
 from lacet.services.commands.bus_options import add_keys, credentials_of
 
@@ -65,6 +66,7 @@ def run(args: argparse.Namespace) -> int:
     credentials = credentials_of(args, Role.WORKER)
     if args.connect:
         check_endpoint(args.connect, credentials)
+    require("ui")
     # Imported here, so that the other commands start without it.
     server = importlib.import_module("lacet.services.workbench.server")
     server.serve(server.settings_of(args, credentials), args.open)

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from lacet.daq.formats.result import DONE, write_result
+from lacet.daq.parts import require
 from lacet.services.commands.progress import Line
 from lacet.services.render.failure_text import explainable_table, failure_sentences, follows_table, phase_table
 from lacet.services.workspace.failure import failure_result
@@ -41,6 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Analyse and print."""
+    if args.report:
+        require("plots", "leave --report away")
     study = Study.open(args.study)
     version = study.version(args.version)
     with Line("where") as line:

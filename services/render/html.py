@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import html
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING
 
 from lacet.services.render.figures.panels import Panels
 from lacet.services.render.figures.svg import STYLE as CHARTS
 from lacet.services.render.figures.svg import figure_svg, svg
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 STYLE = """
 :root { color-scheme: light dark; }

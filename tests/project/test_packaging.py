@@ -7,9 +7,11 @@ import re
 import subprocess
 import sys
 import tomllib
+from importlib.metadata import packages_distributions
 
 import pytest
 
+from lacet.daq.parts import EVERYTHING, PARTS
 from tests.support.places import HOME
 
 LOCKS = ("uv.txt", "run.txt", "dev.txt", "campaign.txt", "schema.txt")
@@ -46,6 +48,33 @@ def test_the_locks_hold_what_pyproject_asks_for():
     run, dev = pins("run.txt"), pins("dev.txt")
     assert wanted(project["dependencies"]) | wanted(groups["build"]) <= set(run)
     assert wanted(groups["dev"]) | wanted(project["optional-dependencies"]["sim"]) <= set(dev)
+
+
+def test_the_parts_are_the_extras_and_one_extra_brings_all_of_them():
+    extras = PROJECT["project"]["optional-dependencies"]
+    assert set(PARTS) == set(extras) - {EVERYTHING}
+    assert extras[EVERYTHING] == [f"lacet[{','.join(PARTS)}]"]
+
+
+def test_the_modules_of_a_part_are_of_its_packages():
+    providers = packages_distributions()
+    for name, part in PARTS.items():
+        provided = {module: {package.lower() for package in providers[module]} for module in part.modules}
+        assert all(provided.values())
+        assert packages_of(name) <= set().union(*provided.values()), name
+
+
+def packages_of(name: str) -> set[str]:
+    """Names of the packages that an extra asks for, those of extras within it included."""
+    extras = PROJECT["project"]["optional-dependencies"]
+    brought, todo = set(), [name]
+    while todo:
+        for requirement in extras[todo.pop()]:
+            if within := re.fullmatch(r"lacet\[(.+)\]", requirement):
+                todo += within[1].split(",")
+            else:
+                brought |= wanted([requirement])
+    return brought
 
 
 def test_what_runs_has_the_same_version_in_tests():

@@ -1,4 +1,7 @@
-"""The wheel: one top-level package, which an environment with nothing of the checkout in it can work with."""
+"""The wheel: one top-level package, which an environment with nothing of the checkout in it can work with.
+
+The environment has none of the optional parts: what these tests do is done with ``pip install lacet`` alone.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +15,15 @@ from pathlib import Path
 
 import pytest
 
+from lacet.daq.parts import PARTS
+from lacet.services.commands.__main__ import find_commands
 from tests.support.places import HOME
 
 CAPTURE = HOME / "replay_logs" / "anti-roll-bars" / "sinus.mcap"
+OPTIONAL = sorted(
+    {name for part in PARTS.values() for name in part.modules} | {"lxml", "pandas", "pydantic", "starlette"}
+)
+"""What the optional parts bring, and of what these depend on the heavy packages."""
 PRE_COMMITS_IDENTIFY = """\
 def tags_from_path(path):
     return {"file"}
@@ -46,6 +55,7 @@ def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An environment with the wheel in it, and beside it the locked packages that it depends on.
 
     These are reached by their folder, in which no ``.pth`` file is followed: the editable lacet is not among them.
+    Nor are the optional parts: an import of theirs fails as if they were not installed.
     """
     folder = tmp_path_factory.mktemp("environment")
     uv = (sys.executable, "-m", "uv", "--quiet", "--offline", "--no-cache")
@@ -54,6 +64,8 @@ def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     run(*uv, "pip", "install", "--python", python, "--no-deps", wheel, cwd=folder)
     (packages,) = folder.glob("venv/lib/python*/site-packages")
     (packages / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n", encoding="utf-8")
+    blocked = f"import sys; sys.modules.update(dict.fromkeys({OPTIONAL}))\n"
+    (packages / "without_optional_parts.pth").write_text(blocked, encoding="utf-8")
     return folder / "venv"
 
 
@@ -73,6 +85,45 @@ def test_the_installed_wheel_runs_the_first_fit_of_the_demonstration(environment
     run(lacet, "identify", "sinus.mcap", "--json", "fit.json", cwd=tmp_path)
     found = json.loads((tmp_path / "fit.json").read_text(encoding="utf-8"))
     assert found["format"] == "lacet-result 1"
+
+
+LACKING: dict[str, list[str]] = {
+    "plots": ["compare", "study"],
+    "ui": ["ui", "study"],
+    "logs": ["info", "table.mf4", "--map", "map.toml"],
+    "sim": ["simulate", "--rig", "peugeot-406", "--vehicle", "peugeot-406", "--manoeuvre", "sinus", "-o", "x"],
+    "consistency": ["identify", "sinus.mcap", "--consistent"],
+    "foxglove": ["foxglove"],
+    "campaign": ["campaign", "sinus.mcap"],
+}
+"""Part → a command that needs it."""
+ASKED = """\
+import contextlib, io, json, sys
+from lacet.services.commands.__main__ import build_parser, main
+found = {"help": build_parser().format_help()}
+for part, words in json.loads(sys.argv[1]).items():
+    with contextlib.redirect_stderr(io.StringIO()) as said:
+        found[part] = [main(words), said.getvalue()]
+print(json.dumps(found))
+"""
+
+
+def test_without_the_optional_parts_commands_explain_themselves_and_say_what_installs_the_part_they_need(
+    environment: Path, tmp_path: Path
+) -> None:
+    """In one process, for it takes seconds to load them all."""
+    (tmp_path / "table.mf4").write_bytes(b"MDF     4.10")
+    (tmp_path / "map.toml").write_text('format = "lacet-map 1"\n[channels]\n"imu.accel.y" = "ay"\n', encoding="utf-8")
+    (tmp_path / "sinus.mcap").write_bytes(CAPTURE.read_bytes())
+    found = json.loads(run(environment / "bin" / "python", "-c", ASKED, json.dumps(LACKING), cwd=tmp_path))
+    for name, module in find_commands().items():
+        assert f" {name} " in found["help"]
+        assert " ".join(module.HELP.split())[:30] in " ".join(found["help"].split())
+    assert set(LACKING) == set(PARTS)
+    for part in LACKING:
+        code, said = found[part]
+        assert code == 2, part
+        assert f"pip install 'lacet[{part}]'" in said
 
 
 def test_lacet_and_the_identify_of_pre_commit_live_side_by_side(environment: Path, tmp_path: Path) -> None:

@@ -1,0 +1,1 @@
+"""What lacet finds on this computer: packages, wires, clock, disk, browser; and what to do where something is amiss."""
