@@ -7,9 +7,14 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shlex
+import shutil
 import subprocess
 import sys
 import sysconfig
+import tarfile
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -19,6 +24,7 @@ from lacet.daq.parts import PARTS
 from lacet.services.commands.__main__ import find_commands
 from tests.support.places import HOME
 
+PROJECT = tomllib.loads((HOME / "pyproject.toml").read_text(encoding="utf-8"))
 CAPTURE = HOME / "replay_logs" / "anti-roll-bars" / "sinus.mcap"
 OPTIONAL = sorted(
     {name for part in PARTS.values() for name in part.modules} | {"lxml", "pandas", "pydantic", "starlette"}
@@ -67,6 +73,50 @@ def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     blocked = f"import sys; sys.modules.update(dict.fromkeys({OPTIONAL}))\n"
     (packages / "without_optional_parts.pth").write_text(blocked, encoding="utf-8")
     return folder / "venv"
+
+
+def built(kind: str, source: Path, folder: Path, **variables: str) -> Path:
+    """The wheel or sdist of a folder."""
+    folder.mkdir()
+    run(sys.executable, "-m", "hatchling", "build", "-t", kind, "-d", folder, cwd=source, **variables)
+    (path,) = folder.iterdir()
+    return path
+
+
+def test_an_sdist_gives_the_same_wheel_of_the_same_version(wheel: Path, tmp_path: Path) -> None:
+    sdist = built("sdist", HOME, tmp_path / "sdist")
+    with tarfile.open(sdist) as archive:
+        archive.extractall(tmp_path / "unpacked", filter="data")
+    (folder,) = (tmp_path / "unpacked").iterdir()
+    again = built("wheel", folder, tmp_path / "wheel")
+    assert again.name == wheel.name
+    assert sorted(zipfile.ZipFile(again).namelist()) == sorted(zipfile.ZipFile(wheel).namelist())
+
+
+@pytest.mark.parametrize(
+    ("commands", "version"),
+    [
+        ([], r"0\.1\.dev0"),
+        (["init -q", "add README.md", "commit -q -m one"], r"0\.1\.dev1\+g[0-9a-f]+(\.d\d{8})?"),
+        (["init -q", "add -A", "commit -q -m one", "tag v1.2.3"], r"1\.2\.3"),
+        (
+            ["init -q", "add -A", "commit -q -m one", "tag v1.2.3", "commit -q -m two --allow-empty"],
+            r"1\.2\.4\.dev1\+g[0-9a-f]+",
+        ),
+    ],
+    ids=["no git", "no tag", "at a tag", "after a tag"],
+)
+def test_the_version_is_of_the_tag_or_of_the_commits_since(tmp_path: Path, commands: list[str], version: str) -> None:
+    source = tmp_path / "source"
+    (source / "lacet" / "services" / "workbench" / "static" / "vendor" / "uplot").mkdir(parents=True)
+    for name in ("pyproject.toml", *PROJECT["project"]["license-files"], "README.md", "lacet/__init__.py"):
+        shutil.copyfile(HOME / name, source / name)
+    who = ("-c", "user.name=a", "-c", "user.email=a@b", "-c", "commit.gpgsign=false")
+    for command in commands:
+        run("git", *who, *shlex.split(command), cwd=source)
+    alone = {"GIT_CEILING_DIRECTORIES": str(tmp_path)}
+    wheel = built("wheel", source, tmp_path / "out", **alone)
+    assert re.fullmatch(rf"lacet-{version}-py3-none-any\.whl", wheel.name), wheel.name
 
 
 def test_the_wheel_holds_lacet_alone(wheel: Path) -> None:
