@@ -59,6 +59,10 @@ class Link:
         if publisher.session is not self.session:
             publisher.move(self.session)
 
+    def remove(self, publisher: RunPublisher) -> None:
+        """Move this publisher no more; it is closed next."""
+        self._publishers.remove(publisher)
+
     @property
     def made(self) -> bool:
         """Whether there is a session with a router, present or coming back, or of its own."""
@@ -95,7 +99,7 @@ class Link:
             if not (self._isolated or orphan) or (session := self._attempt()) is None:
                 continue
             old, self.session, self._isolated = self.session, session, False
-            for publisher in self._publishers:
+            for publisher in list(self._publishers):
                 publisher.move(session)
             old.close()
             self._notify("bus: linked")

@@ -157,6 +157,11 @@ class RunPublisher:
         return None
 
     @property
+    def acknowledged(self) -> dict[str, Any]:
+        """Acknowledgements so far, by worker."""
+        return dict(self._acks)
+
+    @property
     def unsent(self) -> int:
         """Bytes of live blocks not sent because the queue was full; they are still available for requests."""
         return sum(self._blocks.dropped.values())

@@ -26,16 +26,24 @@ def car_of(log: LogReader) -> str:
         return UNNAMED
 
 
-def keep_blocks(publisher: RunPublisher, log: LogReader) -> None:
-    """Give a publisher the blocks of a log, for who asks for them."""
+def keep_blocks(publisher: RunPublisher, log: LogReader, rest: Callable[[], None] = lambda: None) -> None:
+    """Give a publisher the blocks of a log, for who asks for them; `rest` is called after each."""
     for channel, message in log.block_messages():
         publisher.keep_block(channel, message, samples_in(pb.DecodedBlock, message))
+        rest()
 
 
 def offer(
-    session: zenoh.Session, car: str, log: LogReader, spool: Spool, notify: Callable[[str], None]
+    session: zenoh.Session,
+    car: str,
+    log: LogReader,
+    spool: Spool,
+    notify: Callable[[str], None],
+    rest: Callable[[], None] = lambda: None,
 ) -> RunPublisher:
     """A publisher of all blocks of a log, under the run's own name: nothing is sent until it is asked for.
+
+    `rest` is called after each block that is read.
 
     Raises
     ------
@@ -47,7 +55,7 @@ def offer(
         raise RunError(log.path, ["no decoded channels: make them with `lacet decode`"])
     publisher = RunPublisher(session, car, log.start, spool, notify=notify)
     try:
-        keep_blocks(publisher, log)
+        keep_blocks(publisher, log, rest)
         losses = log.manifest.losses if log.manifest is not None else {}
         sources = log.manifest.sources if log.manifest is not None else {}
         manifest = publisher.finish(losses, dict(sources))

@@ -18,6 +18,7 @@ from lacet.daq.bus.spool import Spool
 from lacet.daq.formats.log import LogReader
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.formats.run_files import first_files
+from lacet.services.acquisition.delivery import note_delivery
 from lacet.services.acquisition.offer import car_of, offer
 from lacet.services.commands.bus_options import add_keys, credentials_of, link_of, router_of
 from lacet.services.commands.progress import Line
@@ -71,6 +72,8 @@ def run(args: argparse.Namespace) -> int:
             line.notify(f"run {log.start.run_id}: offered as {publisher.keys.key()}")
         for log, publisher in offered:
             acks = publisher.wait_for_ack(args.ack_wait, stop.is_set)
+            if acks:
+                note_delivery(next(iter(log.files.values())), log.start.run_id, acks)
             for worker in acks:
                 line.notify(f"run {log.start.run_id}: worker {worker} has it")
             if not acks:

@@ -24,6 +24,7 @@ from lacet.daq.formats.log import LogReader, LogWriter, StartRecord
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
+from lacet.services.acquisition.delivery import EarlierRuns, note_delivery
 from lacet.services.acquisition.host_clock import synchronisation
 from lacet.services.acquisition.intake import QUEUE_FRAMES, RESUME_FRAMES, Intake
 from lacet.services.acquisition.offer import keep_blocks
@@ -51,8 +52,8 @@ DESCRIPTION = """\
 Record every bus of the rig: raw frames and decoded channels into one log (MCAP), decoded channels also onto the bus
 (Zenoh), where workers (lacet worker) pick them up. The recorder is the bus's router; it listens on this machine only
 by default. Ctrl-C ends the run: the log is closed, and the recorder stays until a worker has acknowledged the run, 30
-s at most (later: lacet publish). A dead link is reported and opened again; a full disk is reported and publishing
-goes on.
+s at most. Runs in the same folder that no worker has yet are offered too, meanwhile and later (or: lacet publish). A
+dead link is reported and opened again; a full disk is reported and publishing goes on.
 
   lacet record --rig peugeot-406 --vehicle peugeot-406 -o run.mcap
   lacet record ... --manoeuvre slalom --brakes off --duration 60
@@ -165,6 +166,9 @@ def run(args: argparse.Namespace) -> int:
             stack.callback(link.close)
             car = rig.name if credentials is None else credentials.name
             publisher = _publisher(args, out, link, car, start, line, stack)
+            note_delivery(out if broken is None else broken.files[0], start.run_id)
+            name = None if credentials is None else credentials.name
+            stack.enter_context(EarlierRuns(out.absolute().parent, link, name, start.run_id, line.notify))
             if broken is not None:
                 keep_blocks(publisher, LogReader(broken.files[0]))
         recorder = Recorder(
@@ -194,6 +198,8 @@ def run(args: argparse.Namespace) -> int:
             line.notify(f"waiting up to {wait:g} s for a worker (Ctrl-C: not any longer)")
             before = len(signals)
             acks = publisher.wait_for_ack(wait, lambda: len(signals) > before)
+            if acks:
+                note_delivery(out if broken is None else broken.files[0], start.run_id, acks)
             for worker in acks:
                 line.notify(f"worker {worker} has the run")
             if not acks:

@@ -47,21 +47,23 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     start = StartRecord("r", T0, "", rig.text)
     publisher = RunPublisher(router, "bench", start, spool)
     log = LogWriter(folder / "run.mcap", start)
-    told: list[str] = []
+    told, stop = list[str](), threading.Event()
 
     def act(reads: int) -> None:
         if reads == 15:
             (answer,) = set_mark(client, "slalom\nbegins")
             assert (answer["run_id"], answer["text"]) == ("r", "slalom begins")
-            assert 0.2 < answer["seconds"] < 1.0
+            assert 0.2 < answer["seconds"] < 60.0
         elif reads == 25:
             recorder.mark("")
         elif reads == 35:
             assert main(["mark", "slalom ends", "--connect", endpoint, "--json", str(folder / "mark.json")]) == 0
+        elif reads == 50:
+            stop.set()
 
     recorder = Recorder([CorrevitWire(act=act)], Decoder(rig), log, publisher, notify=told.append)
     try:
-        recorder.run(threading.Event(), duration=1.5)
+        recorder.run(stop, duration=60.0)
         assert set_mark(client, "after the end") == []
         assert main(["mark", "x", "--connect", endpoint]) == 2
     finally:
