@@ -41,6 +41,10 @@ SPEEDS = {"correvit.speed": 1.0, "car.speed": 1.0, "gnss.speed": 1.0, "wheel.spe
 """Families of channels that show whether the car moves; factor to a speed [m/s], that of a wheel a rolling radius."""
 
 
+TWINS = 2
+"""Least number of instruments of the same kind at other corners by whose noise one that never changes is judged."""
+
+
 @dataclass(frozen=True)
 class NoiseCount:
     """Changes of a signal over windows of a number of samples.
@@ -117,10 +121,34 @@ def stuck_samples(signals: Mapping[str, Signal], channel: str) -> NDArray[np.boo
     inside = moving[: windows * length].reshape(windows, length).all(axis=1)
     for component in np.flatnonzero(constant.any(axis=0)):
         still = constant[:, component]
+        if still.all() and _twins_are_noisy(signals, channel, component):
+            out[good[moving]] = True
+            continue
         varied = ~still[: windows * length].reshape(windows, length).any(axis=1)
         if is_noisy(count.turns[inside & varied][:, [component]], length)[0]:
             out[good[still & moving]] = True
     return out
+
+
+def _twins_are_noisy(signals: Mapping[str, Signal], channel: str, component: int) -> bool:
+    """Whether the same quantity of instruments of the same kind is noisy in the moving car, at `TWINS` other corners.
+
+    A component that keeps its value for the whole run shows no noise of its own. Its twins are of its resolution.
+    """
+    family, corner = CHANNELS[channel].family, CHANNELS[channel].corner
+    noisy: list[bool] = []
+    for name, signal in signals.items():
+        other = CHANNELS[name]
+        if corner is None or other.family != family or other.corner == corner:
+            continue
+        good = signal.usable
+        values, t = signal.values[good][:, [component]], signal.t[good]
+        length = window_length(other.rate)
+        windows = len(values) // length
+        inside = moves(signals, name, t)[: windows * length].reshape(windows, length).all(axis=1)
+        count = noise_count(values, length)
+        noisy.append(bool(is_noisy(count.turns[inside & (count.changes[:, 0] > 0)], length)[0]))
+    return len(noisy) >= TWINS and all(noisy)
 
 
 def _constant(values: NDArray[np.float64], t: NDArray[np.float64], length: int) -> NDArray[np.bool_]:

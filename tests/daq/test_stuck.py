@@ -58,6 +58,36 @@ def test_a_component_that_stands_still_is_found_and_only_it(channel, duration):
     assert not any(stuck_samples(signals, other).any() for other in signals if other != channel)
 
 
+def corners(noise: float = 30.0, step: float = 1.0, speed=lambda t: 20.0 + 0.0 * t) -> dict[str, Signal]:
+    """The car with dynamometers of one kind at all wheels."""
+    force = {
+        name: signal(name, lambda t: 900.0 * np.sin(3.0 * t), noise, step, seed)
+        for seed, name in enumerate(f"wheel.{corner}.force" for corner in ("fl", "fr", "rl", "rr"))
+    }
+    return {**car(speed), **force}
+
+
+def test_a_component_that_never_changes_is_found_by_the_noise_of_the_other_wheels():
+    signals = corners()
+    signals["wheel.rr.force"] = hold(signals["wheel.rr.force"], 0.0, SECONDS, component=2)
+    assert stuck_samples(signals, "wheel.rr.force").all()
+    assert not any(stuck_samples(signals, name).any() for name in signals if name != "wheel.rr.force")
+
+
+@pytest.mark.parametrize(
+    "signals",
+    [
+        car(),  # no other wheel has one
+        corners(noise=0.0, step=4000.0),  # too coarse for noise
+        corners(speed=lambda t: 0.0 * t),  # the car stands
+    ],
+    ids=["no twins", "coarse", "at rest"],
+)
+def test_one_that_never_changes_is_not_judged_without_noisy_twins_in_a_moving_car(signals):
+    signals["wheel.fl.force"] = hold(signals["wheel.fl.force"], 0.0, SECONDS)
+    assert not any(stuck_samples(signals, channel).any() for channel in signals)
+
+
 def test_a_short_one_is_not():
     signals = car()
     signals["wheel.fl.force"] = hold(signals["wheel.fl.force"], 10.0, 10.4)
