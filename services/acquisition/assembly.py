@@ -198,7 +198,7 @@ class Assembly:
         losses = self.manifest.losses if self.manifest is not None else {}
         names = self._spool.names() if self.manifest is None else list(self.manifest.channels)
         try:
-            with LogWriter(draft, self.start, axes=axes, chunk_seconds=1.0, overwrite=True) as log:
+            with LogWriter(draft, self.start, axes=axes, overwrite=True) as log:
                 end_ns = self.start.started_ns
                 streams = [self._blocks(name) for name in names]
                 for block in heapq.merge(*streams, key=lambda block: int(block.t_ns[0])):

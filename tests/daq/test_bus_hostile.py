@@ -26,6 +26,7 @@ from lacet.daq.bus.publisher import RunPublisher
 from lacet.daq.bus.session import LARGEST, SEQUENCE, Keys, open_session, split_key
 from lacet.daq.bus.spool import MOST_BLOCKS, Spool
 from lacet.daq.channels import CHANNELS
+from lacet.daq.formats.log import LogReader
 from lacet.daq.formats.wire import (
     Manifest,
     StartRecord,
@@ -295,3 +296,24 @@ def test_a_true_block_passes_the_checks_that_false_ones_do_not(tmp_path: Path):
     assert assembly.notes == []
     assert assembly.missing() == {}
     assembly.close()
+
+
+def test_a_wrong_bit_in_an_assembled_log_costs_a_tenth_of_a_second(tmp_path: Path):
+    assembly = Assembly(Keys("car", "run-1"), START, tmp_path)
+    whole = samples(CHANNELS["imu.accel"], 4.0, 100.0)
+    for i in range(80):
+        index = slice(5 * i, 5 * i + 5)
+        part = Block("imu.accel", whole.t_ns[index], whole.values[index], whole.flags[index])
+        message = block_to_bytes(part, i, "sensor")
+        assembly.take(Message(assembly.keys, "block", "imu.accel", i, message))
+    assembly.write(tmp_path / "run.mcap", complete=False)
+    assembly.close()
+    data = bytearray((tmp_path / "run.mcap").read_bytes())
+    costs: list[int] = []
+    for at in range(data.index(b"zstd") + 100, len(data) // 2, len(data) // 40):
+        data[at] ^= 1
+        (tmp_path / "flipped.mcap").write_bytes(data)
+        data[at] ^= 1
+        costs.append(len(whole) - len(LogReader(tmp_path / "flipped.mcap").blocks()["imu.accel"]))
+    assert max(costs) <= 15  # samples of 10 ms: a chunk of 0.1 s, and the block that ends it
+    assert max(costs) > 0
