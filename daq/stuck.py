@@ -121,7 +121,7 @@ def stuck_samples(signals: Mapping[str, Signal], channel: str) -> NDArray[np.boo
     inside = moving[: windows * length].reshape(windows, length).all(axis=1)
     for component in np.flatnonzero(constant.any(axis=0)):
         still = constant[:, component]
-        if still.all() and _twins_are_noisy(signals, channel, component):
+        if still.all() and _twins_are_noisy(signals, channel, int(component)):
             out[good[moving]] = True
             continue
         varied = ~still[: windows * length].reshape(windows, length).any(axis=1)
