@@ -8,7 +8,8 @@ from pathlib import Path
 
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.rig import Rig
-from lacet.services.machine.computer import browser, clock, disk, kernel_clock
+from lacet.services.acquisition.host_clock import synchronisation
+from lacet.services.machine.computer import browser, clock, disk
 from lacet.services.machine.finding import State
 from lacet.services.machine.packages import packages, python, versions
 from lacet.services.machine.wires import wires
@@ -38,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Look and print; 3 with warnings."""
     buses = Rig.load(args.rig).buses if args.rig else {}
-    found = [python(), *packages(), *wires(buses), clock(kernel_clock()), disk(args.logs), browser()]
+    found = [python(), *packages(), *wires(buses), clock(synchronisation()), disk(args.logs), browser()]
     width = max(len(one.name) for one in found)
     for one in found:
         print(f"{one.state:<8} {one.name:<{width}}  {one.says}")

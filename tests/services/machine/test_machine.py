@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from lacet.services.acquisition.host_clock import describe_synchronisation
 from lacet.services.acquisition.log_medium import RESERVE_BYTES
 from lacet.services.commands.__main__ import main
 from lacet.services.machine import computer, packages, wires
@@ -98,14 +99,14 @@ def test_the_socket_buffer_has_the_size_of_the_receivers_in_its_remedy(tmp_path:
 
 
 class TestComputer:
-    def test_the_clock(self) -> None:
-        assert computer.clock((True, 0.0025)).says == "synchronised, within 2.5 ms"
-        assert computer.clock((False, 16.0)).state is State.WARNING
-        assert computer.clock(None).state is State.ABSENT
+    @pytest.mark.parametrize(
+        ("status", "state"), [(0x2001, State.OK), (0x40, State.WARNING)], ids=["synchronised", "not"]
+    )
+    def test_the_clock_in_the_words_of_the_recording(self, status: int, state: State) -> None:
+        assert computer.clock(describe_synchronisation(status, 1000, 2500, 100)).state is state
 
-    def test_the_kernel_s_clock_is_read(self) -> None:
-        found = computer.kernel_clock()
-        assert found is None or (isinstance(found[0], bool) and 0.0 <= found[1] <= 16.1)
+    def test_a_system_that_does_not_say(self) -> None:
+        assert computer.clock("unknown: the system does not say").state is State.ABSENT
 
     @pytest.mark.parametrize(
         ("free", "state"), [(RESERVE_BYTES + 6_000_000_000, State.OK), (RESERVE_BYTES + 4_000_000_000, State.WARNING)]
