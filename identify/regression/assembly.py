@@ -278,12 +278,19 @@ class Assembly:
             self._cache.own_of_part[place] = self._cache.space.put(by_row)
         return found
 
-    @staticmethod
-    def noisy_sheet_responses(piece: Piece) -> dict[SheetEntry, dict[Row, Array]]:
-        """Responses to the sensor sheet of a piece with simulated noise (`Piece.noisy`)."""
-        known = piece.responses.sheet
+    def noisy_sheet_responses(self, piece: Piece) -> dict[SheetEntry, dict[Row, Array]]:
+        """Responses to the sensor sheet of a piece with simulated noise (`Piece.noisy`).
+
+        Sensitivities shared with other runs hold those runs' noise in the assumptions' columns, and none of this one's.
+        """
+        known, recording = piece.responses.sheet, piece.prepared.recording
         if not known and piece.sensitivity is not None:
-            known |= sheet_responses(piece.prepared, piece.sensitivity.on(piece.prepared.recording))
+            own = (
+                piece.sensitivity.on(recording)
+                if self.shared or self.at is None
+                else piece.sensitivity.noisy(recording, self.physics, self.at.values)
+            )
+            known |= sheet_responses(piece.prepared, own)
         return known
 
     def motion_responses(self) -> MotionResponses:

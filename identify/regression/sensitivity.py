@@ -167,17 +167,28 @@ class Sensitivity:
         before = residual(motion, active, theta)
         parts = [*range(_ASSUMED)] if any(effect.conditional for effect in active) else [*range(_MEAN)]
         slopes = _derivatives(coarse, measured, motion, before, active, theta, parts)
-        if recording.signals.assumed:
-            # What an assumption does follows the signals themselves, at every sample.
-            measured = MeasuredRows.of(recording)
-            motion = build_motion(recording, measured=measured)
-            before = residual(motion, active, theta)
-            slopes |= _derivatives(recording, measured, motion, before, active, theta, [_ASSUMED])
-        return cls(recording, CombSlopes(recording.t, comb, slopes))
+        return cls(recording, CombSlopes(recording.t, comb, slopes | _by_assumptions(recording, active, theta)))
 
     def on(self, recording: Recording) -> Sensitivity:
         """These derivatives with another recording of the same motion."""
         return replace(self, recording=recording)
+
+    def noisy(self, recording: Recording, effects: Sequence[PhysicalEffect], values: Array) -> Sensitivity:
+        """These derivatives with another recording of the same motion, from which those by assumptions are taken.
+
+        What an assumption does is made of the channels at each sample, and holds their noise: without it the noise that
+        the residual has in common with it would be taken for a wrong assumption. At parameter values θ of `effects`.
+        """
+        if not self.assumptions:
+            return self.on(recording)
+        active = [e for e in effects if _enters(e)]
+        own = _by_assumptions(recording, active, _active_values(effects, values))
+        # What hardly acts may pass the bar of rounding with this noise and not with that.
+        coarse = {
+            key: {row: own.get(key, {}).get(row, slope) for row, slope in rows.items()}
+            for key, rows in self.taken.coarse.items()
+        }
+        return Sensitivity(recording, replace(self.taken, coarse=coarse))
 
     def uncached(self) -> Sensitivity:
         """The sensitivity without the cached interpolation to every sample, which needs much memory."""
@@ -252,6 +263,18 @@ class Sensitivity:
             some = min(together, draws - start)
             drawn = draw_noises(self.recording, self.channels, rng, some)
             yield self.response(drawn, draw_noises(self.recording, self._bent, rng, some))
+
+
+def _by_assumptions(
+    recording: Recording, effects: Sequence[PhysicalEffect], theta: Array
+) -> dict[Input, dict[Row, Array]]:
+    """Slopes of the residual by a recording's assumptions, at every sample: they follow the signals themselves."""
+    if not recording.signals.assumed:
+        return {}
+    measured = MeasuredRows.of(recording)
+    motion = build_motion(recording, measured=measured)
+    before = residual(motion, effects, theta)
+    return _derivatives(recording, measured, motion, before, effects, theta, [_ASSUMED])
 
 
 def _derivatives(

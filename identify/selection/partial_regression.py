@@ -101,9 +101,13 @@ class PartialRegression:
         gain = _solved(normal[np.ix_(self.nuisance, self.nuisance)] + self.prior, right)
         return gain, normal - normal[self.nuisance].T @ gain
 
-    def fall(self, place: slice) -> float:
-        """Fall of the weighted squares in blocked cross-validation when the columns at `place` are added."""
-        right, total, noise = self.sums.layout.right, 0.0, self.noise[place, place]
+    def fall(self, place: slice, above_noise: bool = False) -> float:
+        """Fall of the weighted squares in blocked cross-validation when the columns at `place` are added.
+
+        `above_noise` : of what exceeds the noise of the equations, which is another with the columns than without.
+        """
+        right, total = self.sums.layout.right, 0.0
+        noise = (self.column_noise if above_noise else self.noise)[place, place]
         for train, test in self.folds:
             beta = _solved(train[place, place] + (1.0 - 1.0 / SELECTION.folds) * noise, train[place, right])
             total += float(
@@ -133,9 +137,16 @@ class PartialRegression:
 
     def noisy_part(self, place: slice) -> float:
         """Largest share of noise in the energy of a direction of the reduced columns at `place`."""
-        root = np.linalg.cholesky(self.reduced_noisy[place, place])
-        half = np.linalg.solve(root, self.noise[place, place])
-        return float(np.linalg.eigvalsh(np.linalg.solve(root, half.T))[-1])
+        return _largest_share(self.noise[place, place], self.reduced_noisy[place, place])
+
+    def own_noisy_part(self, place: slice) -> float:
+        """The same of the noise in the columns themselves, without what the nuisance columns bring into the remainders.
+
+        The latter does not hide what an effect would do: it is the noise that the equations have at the parameters of
+        a model with the effect.
+        """
+        sound, own = self.reduced[place, place], self.column_noise[place, place]
+        return 1.0 if np.any(np.linalg.eigvalsh(sound) <= 0.0) else _largest_share(own, sound + own)
 
     def coefficients(self, places: Array) -> Array:
         """(w, k) coefficients for `CrossProducts.series` of combinations `places` (w, k), less their regression."""
@@ -240,6 +251,13 @@ def _add_by_number(sums: Array, number: NDArray[np.intp], values: Array) -> None
     """Add values (n, k) to the `sums` (b, k) of their blocks, whose numbers (n,) do not fall from sample to sample."""
     begins = np.flatnonzero(np.diff(number, prepend=-1))
     sums[number[begins]] += np.add.reduceat(values, begins, axis=0)
+
+
+def _largest_share(noise: Array, whole: Array) -> float:
+    """Largest share of `noise` (k, k) in the energy `whole` (k, k) of a direction."""
+    root = np.linalg.cholesky(whole)
+    half = np.linalg.solve(root, noise)
+    return float(np.linalg.eigvalsh(np.linalg.solve(root, half.T))[-1])
 
 
 def _bounded(noise: Array, total: Array, nuisance: NDArray[np.intp], prior: Array) -> Array:

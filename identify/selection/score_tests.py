@@ -60,7 +60,7 @@ class Reason(Enum):
     SMALL = auto()
     """Its `size` is below `least_size`; `absorbed` names what explains its columns."""
     NOISE = auto()
-    """More than `most_noise_in_candidate` of its columns is noise (`noise_part`)."""
+    """More than `most_noise_in_candidate` of its columns is noise, which is their own (`noise_part`)."""
     CHANCE = auto()
     """Its `p` is above `significance`."""
     LITTLE = auto()
@@ -427,11 +427,14 @@ class ScoreTests:
             return replace(found, answer=Answer.NOT_TESTABLE, reason=Reason.FEW_BLOCKS)
         if size < SELECTION.least_size:
             return replace(found, answer=Answer.NOT_TESTABLE, reason=Reason.SMALL, absorbed=self._absorbed(one))
-        if one.without_tolerance is None:
-            part = self.regression.noisy_part(place)
-            if part > SELECTION.most_noise_in_candidate:
-                return replace(found, answer=Answer.NOT_TESTABLE, reason=Reason.NOISE, noise_part=part)
-        return replace(found, total_gain=one.gain_test.fall() if one.gain_test else self.regression.fall(place))
+        if one.gain_test is not None:
+            return replace(found, total_gain=one.gain_test.fall())
+        # Noise of the nuisance columns in what they leave of the candidate's is there with the candidate in the model.
+        part = self.regression.noisy_part(place)
+        loud = part > SELECTION.most_noise_in_candidate
+        if loud and self.regression.own_noisy_part(place) > SELECTION.most_noise_in_candidate:
+            return replace(found, answer=Answer.NOT_TESTABLE, reason=Reason.NOISE, noise_part=part)
+        return replace(found, total_gain=self.regression.fall(place, above_noise=loud))
 
     def _absorbed(self, one: ScoreTest) -> tuple[tuple[str, float], ...]:
         """Shares of a candidate's columns that effects of the model and sensor tolerances explain, largest first.

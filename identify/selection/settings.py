@@ -47,8 +47,8 @@ class SelectionSettings:
     """Weighted size √λ that the largest plausible effect must have beside all nuisance parameters [noise σ]. Source:
     method section 6, step 3."""
     most_noise_in_candidate: float = 0.5
-    """Part of a candidate's reduced columns that may be noise; beyond it the runs do not show what it would do [share].
-    Source: benchmark; docs/ranking.md, step 3."""
+    """Part of a candidate's reduced columns that may be noise, and be noise of its own columns; beyond it the runs do
+    not show what it would do [share]. Source: benchmark; docs/ranking.md, step 3."""
     most_noise_in_fault: float = 0.2
     """Part of a sensor fault's column that may be noise for it to be tested without its own tolerance [share]; with
     more noise it is tested within its tolerance. Source: benchmark; docs/decisions/ranking.md, "A fault's column holds

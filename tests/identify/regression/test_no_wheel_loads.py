@@ -22,7 +22,9 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import residual
 from lacet.identify.regression.wls import Fit, FitOptions, fit
+from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.validation.channels.fault_columns import FaultColumns
 from lacet.identify.validation.channels.single_faults import column_faults
 from lacet.identify.validation.noise_floor import floor_of
@@ -186,14 +188,26 @@ def test_what_is_impossible_is_named() -> None:
     assert not [law for law in refused.recording.laws if law.channel.startswith("wheel.")]
 
 
-def test_a_ranking_of_the_suspensions_effects_comes_to_an_end() -> None:
-    """Without the bars in the model the rest is seen in the body's rows, whose laws are those of the suspensions."""
+def test_missing_bars_are_named(truth: dict[str, Any]) -> None:
+    """Of the base model both bars, and nothing else, with sizes that hold the truth."""
     known = catalogue(with_mass(), "contact")
     plain = fit(Model.of(base_model(with_mass(), "contact")), found().runs, FitOptions(draws=2))
-    candidates = [known[key] for key in ("anti_roll_bar.front", "spring_cubic.front", "damper_asymmetry.rear")]
+    candidates = [known[key] for key in (*BARS, "spring_cubic.front", "damper_asymmetry.rear")]
     diagnosis = diagnose(plain, floor_of(plain, 60), candidates)
-    assert diagnosis.failing
-    assert {*diagnosis.failing} <= {*BODY_ROWS}
+    assert {one.key for one in diagnosis.found} == {*BARS}
+    assert not diagnosis.unlisted
+    for one in diagnosis.found:
+        assert abs(one.values[0] - expected(truth)[f"{one.key}.k"]) < 1.5 * one.interval[0]
+
+
+def test_noise_makes_no_assumption_wrong() -> None:
+    """Columns of assumptions are made of noisy channels; a smaller mass would leave less noise, and is not needed."""
+    fitted = found()
+    linearisation = Linearisation.of(fitted, floor_of(fitted, 60))
+    law = catalogue(with_mass(), "contact")["spring_cubic.front"]
+    use = ScoreTests.of(linearisation, [law], 0).tolerance_use()
+    assert not use.tolerance_exceeded
+    assert abs(use.sizes["assumed sprung_mass"]) < 3.0, use.sizes
 
 
 def test_the_scale_of_a_column_is_no_fault_where_the_car_s_parameters_take_it() -> None:
