@@ -246,7 +246,7 @@ class PhysicalEffect(Effect):
         """Right-hand side per unit of each parameter: row → (p, N) in the row's unit; rows not acted on are absent."""
 
     def parts(self) -> Sequence[PhysicalEffect]:
-        """Effects, each in rows of its own, whose columns together are this effect's; by default itself."""
+        """Effects, each at wheels of its own, whose columns add up to this effect's; by default itself."""
         return (self,)
 
     def force(self, motion: Motion, values: Array) -> dict[str, Array]:

@@ -122,6 +122,16 @@ def test_horizontal_forces_in_the_contact_patches_cancel() -> None:
         np.testing.assert_allclose(replace(motion, corners=pushed).measured(row), motion.measured(row), atol=1e-8)
 
 
+@pytest.mark.parametrize(("law", "axle"), [("spring_cubic", "front"), ("coulomb", "rear"), ("damper_knee", "front")])
+def test_a_law_of_an_axle_is_the_sum_of_its_wheels(law: str, axle: str) -> None:
+    """Both wheels act on the same rows of the body."""
+    known, run = catalogue(with_mass(), "contact"), found().runs[2]
+    whole, left, right = (run.columns(known[f"{law}.{place}"]) for place in (axle, f"{axle[0]}l", f"{axle[0]}r"))
+    assert np.any(left[BODY_ROWS[1]])
+    for row in BODY_ROWS:
+        np.testing.assert_allclose(whole[row], left[row] + right[row], atol=1e-9 * np.max(np.abs(left[row])))
+
+
 def test_measured_loads_leave_no_row_of_the_body() -> None:
     """A car with dynamometers has the same rows whether its sprung mass is given or not."""
     whole = cars.piece("sine", 5.0, 8.0)
