@@ -45,6 +45,7 @@ _NAMES = {
     "lacet.services.library.comparisons": ("Comparison", "compare"),
     "lacet.services.library.exports": ("export",),
     "lacet.services.library.fits": ("Fit", "add", "base_model", "catalogue", "fit"),
+    "lacet.services.library.pictures": ("waterfall",),
     "lacet.services.library.rankings": ("Ranking", "rank"),
     "lacet.services.library.runs": ("LoadingWarning", "Runs", "load_runs"),
     "lacet.services.workspace.loading": ("load_chain",),

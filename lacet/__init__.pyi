@@ -29,6 +29,7 @@ from lacet.services.library.fits import add as add
 from lacet.services.library.fits import base_model as base_model
 from lacet.services.library.fits import catalogue as catalogue
 from lacet.services.library.fits import fit as fit
+from lacet.services.library.pictures import waterfall as waterfall
 from lacet.services.library.rankings import Ranking as Ranking
 from lacet.services.library.rankings import rank as rank
 from lacet.services.library.runs import LoadingWarning as LoadingWarning
@@ -80,4 +81,5 @@ __all__ = [
     "load_runs",
     "open_run",
     "rank",
+    "waterfall",
 ]

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from lacet.daq.errors import UsageError
+from lacet.identify.car.manoeuvre_phases import phases_of
 from lacet.identify.car.rows import Row
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.validation import score
 from lacet.identify.validation.noise_floor import SCORE_DRAWS
 from lacet.services.library.display import html_table, shortened
 from lacet.services.library.fits import Fit
+from lacet.services.library.pictures import Picture, drawn
 from lacet.services.library.runs import Runs
 from lacet.services.one_thread import one_thread
 from lacet.services.render.tables import table
@@ -38,6 +42,7 @@ class Comparison:
     """
 
     runs: Mapping[str, score.Comparison] = field(repr=False)
+    _prepared: Mapping[str, PreparedRun] = field(repr=False)
 
     @property
     def ratios(self) -> dict[str, dict[Row, float]]:
@@ -56,6 +61,36 @@ class Comparison:
         return {
             name: tuple(row for row, ratio in rows.items() if score.fails(ratio)) for name, rows in self.ratios.items()
         }
+
+    def plot(self, run: str, rows: Sequence[Row] | None = None) -> Picture:
+        """Draw measured and modelled rows of a run and their difference, for some rows (default: all).
+
+        Raises UsageError for a run or row that is not in the comparison.
+        """
+        if run not in self.runs:
+            raise UsageError(f"there is no run '{run}' in this comparison: {', '.join(self.runs)}")
+        if strange := [row for row in rows or () if row not in self.runs[run].measured]:
+            raise UsageError(f"{run} has no row {', '.join(strange)}: {', '.join(self.runs[run].measured)}")
+
+        def draw() -> bytes:
+            from lacet.services.render.figures.png import charts_png
+            from lacet.services.render.figures.study_plots import comparison_charts
+
+            return charts_png(comparison_charts(self.runs[run], rows))
+
+        return drawn(f"{run}: measured and modelled", draw)
+
+    def plot_map(self) -> Picture:
+        """Draw the residual map: row × time in units of the noise floor, with the phases of driving."""
+
+        def draw() -> bytes:
+            from lacet.services.render.figures.failure_plots import map_figure
+            from lacet.services.render.figures.png import png
+
+            phases = [phases_of(one.overview().motion) for one in self._prepared.values()]
+            return png(map_figure([*self.runs.values()], phases))
+
+        return drawn("residual map", draw)
 
     def __getitem__(self, run: str) -> score.Comparison:
         return self.runs[run]
@@ -105,9 +140,10 @@ def compare(
     if runs is not None:
         check_reference(fitted.runs.reference, runs.reference)
     found: dict[str, score.Comparison] = {}
-    for run in runs or fitted.runs:
+    prepared = {run.name: run for run in runs or fitted.runs}
+    for run in prepared.values():
         if progress:
             progress(f"comparing with {run.name}")
         with one_thread():
             found[run.name] = score.compare(fitted.details, run, draws, knowledge=fitted.knowledge if runs else None)
-    return Comparison(found)
+    return Comparison(found, prepared)

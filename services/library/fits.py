@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -27,6 +27,7 @@ from lacet.identify.wheel_loads.lack_of_fit import lack_of_fit
 from lacet.identify.wheel_loads.observer import estimate_forces
 from lacet.identify.wheel_loads.outputs import EstimatedForces
 from lacet.services.library.display import html_table, shortened
+from lacet.services.library.pictures import Picture, drawn
 from lacet.services.library.runs import Runs
 from lacet.services.one_thread import one_thread
 from lacet.services.render import tables
@@ -77,6 +78,30 @@ class Fit:
             if one.name == name:
                 return one
         raise KeyError(f"there is no parameter '{name}'{nearest(name, [p.name for p in self.parameters])}")
+
+    def plot(self, names: Iterable[str] | None = None, known: Mapping[str, float] | None = None) -> Picture:
+        """Draw parameters with their 95 % intervals, relative to their values (a forest plot).
+
+        Parameters
+        ----------
+        names : those drawn; by default all that are identifiable and not zero.
+        known : values known otherwise by name [SI], drawn as crosses.
+
+        Raises KeyError for an unknown name as `value`, UsageError for one that is not identifiable.
+        """
+        chosen = [self._named(name) for name in names] if names is not None else [
+            one for one in self.parameters if one.identifiable and one.value
+        ]  # fmt: skip
+        if vague := [one.name for one in chosen if not one.identifiable]:
+            raise UsageError(f"not identifiable with these runs, so there is no interval to draw: {', '.join(vague)}")
+
+        def draw() -> bytes:
+            from lacet.services.render.figures.png import png
+            from lacet.services.render.figures.result_plots import forest_figure
+
+            return png(forest_figure(chosen, known or {}))
+
+        return drawn(f"95 % intervals of {len(chosen)} parameters", draw)
 
     @cached_property
     def knowledge(self) -> Knowledge:

@@ -11,6 +11,7 @@ from lacet.identify.selection.score_tests import Candidate
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS
 from lacet.services.library.display import html_table, shortened
 from lacet.services.library.fits import Fit, catalogue
+from lacet.services.library.pictures import Picture, drawn
 from lacet.services.one_thread import one_thread
 from lacet.services.render.progress import in_words
 from lacet.services.render.tables import table
@@ -58,6 +59,17 @@ class Ranking:
     def explain(self) -> str:
         """The verdict in sentences with numbers."""
         return says(self.details)
+
+    def plot(self, most: int = SHOWN) -> Picture:
+        """Draw what the best effects, at most `most`, gain in cross-validation, with their answers."""
+
+        def draw() -> bytes:
+            from lacet.services.render.figures.png import png
+            from lacet.services.render.figures.result_plots import ranking_figure
+
+            return png(ranking_figure(self.candidates, most))
+
+        return drawn(f"ranking: {self.verdict}", draw)
 
     def _rows(self) -> list[list[str]]:
         return [[c.key, c.answer.value, f"{100 * c.gain:.3g}", f"{c.p:.2g}"] for c in self.candidates[:SHOWN]]

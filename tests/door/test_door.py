@@ -17,7 +17,7 @@ import pytest
 import lacet
 from tests.support.places import HOME
 
-MOST = 40
+MOST = 41
 """Names of the door."""
 LONGEST = 2000
 """Characters of any representation."""

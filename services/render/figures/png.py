@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 
-import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -13,8 +12,6 @@ from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
 from lacet.services.render.figures.panels import Band, Box, Dots, Level, Line, Mark, Panel, Panels, plan
 from lacet.services.render.figures.ticks import ticks_of
-
-matplotlib.use("Agg")
 
 DPI = 110
 """Dots of a picture to an inch."""
