@@ -144,12 +144,20 @@ def _fitted(joint: Joint, seed: int, progress: Progress) -> Joint:
 
 def _tests_of(joint: Joint, fitted: Fit, gone: Collection[str], seed: int, progress: Progress) -> ScoreTests:
     """Score tests of all other effects but those `gone`, beside a new fit, with the noise floor of it."""
+    there = {effect.key for effect in fitted.model.effects}
+    others = [e for key, e in joint.first.effects.items() if key not in there | set(gone) | joint.dropped]
+    return _tests_of_some(joint, fitted, others, seed, progress)
+
+
+def _tests_of_some(
+    joint: Joint, fitted: Fit, others: Sequence[Effect], seed: int, progress: Progress
+) -> ScoreTests:  # fmt: skip
+    """Score tests of the effects `others`, beside a new fit, with the noise floor of it."""
     linearisation = joint.space.linearisation
     there = {effect.key for effect in fitted.model.effects if not effect.base}
     progress(Step(Stage.FLOOR_BESIDE_EFFECT, subject=", ".join(key for key in joint.first.effects if key in there)))
     floor = linearisation.floor.redrawn(fitted)
     closer = replace(Linearisation.of(fitted, floor), latencies=linearisation.latencies)
-    others = [e for key, e in joint.first.effects.items() if key not in there | set(gone) | joint.dropped]
     space = ScoreTests.of(closer, others, seed, None, progress)
     return space.given(joint.removed) if joint.removed else space
 
@@ -236,23 +244,31 @@ def not_part_of_the_rest(joint: Joint, rest: Rest, seed: int, progress: Progress
     the model holds and does not stand in these alone: what an unknown force on the body does to the masses is a
     residual in all rows. And an effect of one run: nothing shows that it is the same again.
     """
+    before = joint
     while rest.unlisted:
         found = [one for one in (*joint.laws, *added_faults(joint.space)) if one.key in joint.keys]
-        elsewhere = _not_standing_elsewhere(joint, rest)
+        elsewhere = _not_standing_elsewhere(joint, rest, before.space)
         weakest = _weakest([one for one in found if one.force <= rest.beside(one) or one.key in elsewhere])
         if weakest is None:
             break
-        joint = replace(without_effects(joint, [weakest.key], seed, progress), parts=joint.parts | {weakest.key})
+        joint = _less(joint, [weakest.key])
+        joint = replace(joint, dropped=joint.dropped | {weakest.key}, parts=joint.parts | {weakest.key})
+        progress(Step(Stage.FIT_WITH_EFFECTS, subject=", ".join(joint.keys)))
+        # What else could be there is tried beside what stands in the end.
+        joint = beside_of(joint, _tests_of_some(joint, joint.fit, (), seed, progress), progress)
+        rest = Rest.of(joint.space, joint.laws)
+    if joint is not before:
+        joint = beside_of(joint, _tests_of(joint, joint.fit, (), seed, progress), progress)
         rest = Rest.of(joint.space, joint.laws)
     return joint, rest
 
 
-def _not_standing_elsewhere(joint: Joint, rest: Rest) -> set[str]:
+def _not_standing_elsewhere(joint: Joint, rest: Rest, tried: ScoreTests) -> set[str]:
     """Keys of the laws found that do not stand in the rows without an unlisted rest, and are not of those rows alone;
-    and of effects of one run that act in rows with one."""
+    and of effects of one run that act in rows with one. `tried` : tests of all that the laws were selected from."""
     sound = rest.without_unlisted()
     laws = laws_on_rows(joint.space, sound) if sound else ()
-    out = {law.key for law in laws if not law.rows.isdisjoint(sound) and not _is_significant(law, joint.space)}
+    out = {law.key for law in laws if not law.rows.isdisjoint(sound) and not _is_significant(law, tried)}
     of_runs = {effect.key for effect in joint.effects if effect.is_of_run()}
     return out | {law.key for law in joint.laws if law.key in of_runs and not law.rows <= set(sound)}
 

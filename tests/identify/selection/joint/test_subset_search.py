@@ -352,11 +352,11 @@ def test_beside_an_unknown_force_on_the_body_a_law_must_stand_in_the_other_rows(
 ):
     rest = replace(Rest.of(subset.space, subset.laws), unlisted=(Row("chassis.my"),))
     assert all(row.kind != "chassis" for row in rest.without_unlisted())
-    assert _not_standing_elsewhere(subset, rest) == set()
+    assert _not_standing_elsewhere(subset, rest, subset.space) == set()
     bar = "anti_roll_bar.front"
     weak = tuple(replace(law, force=1e-3) if law.key == bar else law for law in subset.laws)
     monkeypatch.setattr("lacet.identify.selection.joint.refits.laws_on_rows", lambda space, rows: weak)
-    assert _not_standing_elsewhere(subset, rest) == {bar}
+    assert _not_standing_elsewhere(subset, rest, subset.space) == {bar}
     found, _ = not_part_of_the_rest(subset, rest, 0)
     assert bar not in found.keys
 
@@ -431,8 +431,8 @@ def test_beside_a_rest_in_its_rows_an_effect_of_one_run_is_no_name(subset: Joint
     law = replace(subset.laws[0], key=payload.key, row_force=chassis)
     joint = replace(subset, effects=(*subset.effects, payload), laws=(*subset.laws, law))
     rest = Rest.of(subset.space, subset.laws)
-    assert payload.key in _not_standing_elsewhere(joint, replace(rest, unlisted=(Row("chassis.my"),)))
-    assert payload.key not in _not_standing_elsewhere(joint, replace(rest, unlisted=(Row("tyre.fl"),)))
+    assert payload.key in _not_standing_elsewhere(joint, replace(rest, unlisted=(Row("chassis.my"),)), subset.space)
+    assert payload.key not in _not_standing_elsewhere(joint, replace(rest, unlisted=(Row("tyre.fl"),)), subset.space)
 
 
 def test_an_effect_of_a_size_that_no_car_has_is_not_found(subset: Joint) -> None:
