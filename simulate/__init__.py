@@ -17,7 +17,7 @@ from lacet.simulate.kinds import KINDS
 from lacet.simulate.manoeuvres import MANOEUVRES, Manoeuvre, make_manoeuvre
 from lacet.simulate.measuring import IDEAL, START_NS, Sheet, Timing, exchange_run, measure
 from lacet.simulate.memory import OwnLaw
-from lacet.simulate.motion import SimulatedMotion
+from lacet.simulate.motion import CarMotion, SimulatedMotion
 
 __all__ = [
     "CARS",
@@ -26,6 +26,7 @@ __all__ = [
     "MANOEUVRES",
     "START_NS",
     "Car",
+    "CarMotion",
     "Hidden",
     "Manoeuvre",
     "OwnLaw",

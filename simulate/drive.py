@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,15 +20,20 @@ from lacet.daq.errors import LacetError
 from lacet.simulate.cars import Car
 from lacet.simulate.engine import Engine
 from lacet.simulate.hidden import Hidden
+from lacet.simulate.linkage.cars import SecondCar
+from lacet.simulate.linkage.engine import LinkageEngine, wheel_motion
+from lacet.simulate.linkage.motion import LinkageMotion
 from lacet.simulate.manoeuvres import Manoeuvre
 from lacet.simulate.memory import OwnLaw
 from lacet.simulate.mjcf import level
-from lacet.simulate.motion import SimulatedMotion, matrices, rotate_back
+from lacet.simulate.motion import CarMotion, SimulatedMotion, matrices, rotate_back
 
 STEP = 0.0005
 """Integration step [s]."""
-EVERY = 2
-"""Number of steps between recorded instants: 1 kHz."""
+RUBBER_STEP = 0.00025
+"""Integration step [s] of a second car on rubber, whose wishbones vibrate on their bushings at up to 300 Hz."""
+RECORDED = 0.001
+"""Time between recorded instants [s]."""
 SETTLE = 2.0
 """Time driven before the recorded run [s]."""
 BASHFORTH = np.array([[1.0, 0.0, 0.0], [1.5, -0.5, 0.0], [23.0 / 12.0, -16.0 / 12.0, 5.0 / 12.0]])
@@ -55,8 +60,8 @@ class _Recorder:
         self.shaft, self.brake = np.empty((n, 4)), np.empty((n, 4))
 
     def write(
-        self, row: int, engine: Engine, a: NDArray[np.float64], shaft: Sequence[float], brake: Sequence[float],
-        states: NDArray[np.float64] | None = None,
+        self, row: int, engine: Engine | LinkageEngine, a: NDArray[np.float64], shaft: Sequence[float],
+        brake: Sequence[float], states: NDArray[np.float64] | None = None,
     ):  # fmt: skip
         """Record the engine's present instant."""
         now = engine.now
@@ -70,40 +75,82 @@ class _Recorder:
             self.states[row] = states
 
 
+@overload
 def run(
     vehicle: Car,
     manoeuvre: Manoeuvre,
     hidden: Sequence[Hidden] = (),
     seed: int = 0,
     settle: float = SETTLE,
-    step: float = STEP,
+    step: float | None = None,
     progress: Callable[[float], None] | None = None,
     own: Sequence[OwnLaw] = (),
-) -> SimulatedMotion:
+) -> SimulatedMotion: ...
+
+
+@overload
+def run(
+    vehicle: SecondCar,
+    manoeuvre: Manoeuvre,
+    hidden: Sequence[Hidden] = (),
+    seed: int = 0,
+    settle: float = SETTLE,
+    step: float | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> LinkageMotion: ...
+
+
+def run(
+    vehicle: Car | SecondCar,
+    manoeuvre: Manoeuvre,
+    hidden: Sequence[Hidden] = (),
+    seed: int = 0,
+    settle: float = SETTLE,
+    step: float | None = None,
+    progress: Callable[[float], None] | None = None,
+    own: Sequence[OwnLaw] = (),
+) -> CarMotion:
     """The motion of `vehicle` driven through `manoeuvre`, at 1 kHz, without any sensor.
 
     `hidden` : effects added to the car (sensor faults are kept for `measure`); `seed` : of the random road; `settle` :
-    time driven before the run starts [s]; `step` : integration step [s], a divisor of 1 ms; `progress` : called with
-    the fraction done every 0.1 s of the run; `own` : suspension laws given as functions. The same arguments give the
-    same motion. Raises UsageError when MuJoCo is missing, SimulationFailed when the car overturns or leaves the road.
+    time driven before the run starts [s]; `step` : integration step [s], a divisor of 1 ms, by default 0.5 ms, for a
+    second car on rubber 0.25 ms; `progress` : called with the fraction done every 0.1 s of the run; `own` : suspension
+    laws given as functions, of a `Car`. The same arguments give the same motion. Raises UsageError when MuJoCo is
+    missing, SimulationFailed when the car overturns or leaves the road.
     """
+    if isinstance(vehicle, SecondCar):
+        step = (STEP if vehicle.rigid else RUBBER_STEP) if step is None else step
+        engine = LinkageEngine(vehicle, manoeuvre.road(vehicle.sizes, seed, settle), hidden)
+        record = _drive(engine, manoeuvre, settle, step, progress)
+        return _linkage_motion(engine, manoeuvre, record, tuple(hidden), seed)
     car = vehicle
     for effect in hidden:
         if effect.effect == "payload":
             car = car.with_payload(effect.size, (effect.shape["x"], effect.shape["y"], effect.shape["z"]))
-    every = round(EVERY * STEP / step)
     road = manoeuvre.road(car, seed, settle)
     engine = Engine(car, road, [effect for effect in hidden if not effect.of_sensor], own)
+    record = _drive(engine, manoeuvre, settle, STEP if step is None else step, progress)
+    return _motion(engine, manoeuvre, record, tuple(hidden), seed)
+
+
+def _drive(
+    engine: Engine | LinkageEngine,
+    manoeuvre: Manoeuvre,
+    settle: float,
+    step: float,
+    progress: Callable[[float], None] | None,
+) -> _Recorder:
+    every = round(RECORDED / step)
     before = round(settle / (step * every)) * every
     samples = round(manoeuvre.duration / (step * every)) + 1
     record = _Recorder(samples, engine.model.nq, engine.model.nv, engine.states)
     _integrate(engine, manoeuvre, record, before, samples, every, step, progress or (lambda fraction: None))
-    return _motion(engine, manoeuvre, record, tuple(hidden), seed, 1.0 / (step * every))
+    return record
 
 
 def _integrate(
-    engine: Engine, manoeuvre: Manoeuvre, record: _Recorder, before: int, samples: int, every: int, step: float,
-    progress: Callable[[float], None],
+    engine: Engine | LinkageEngine, manoeuvre: Manoeuvre, record: _Recorder, before: int, samples: int, every: int,
+    step: float, progress: Callable[[float], None],
 ) -> None:  # fmt: skip
     data, car, lib = engine.data, engine.car, engine.lib
     radii = [
@@ -141,6 +188,7 @@ def _integrate(
         data.qvel[:] = state[:nv]
         new, old = MOULTON[min(k, 1)]
         lib.mj_integratePos(engine.model, data.qpos, new * state[:nv] + old @ speeds, step)
+        engine.close(state)
 
 
 def _driver(manoeuvre: Manoeuvre, t: float, q: list[float], v: list[float]) -> tuple[float, float]:
@@ -166,8 +214,59 @@ def _failed(manoeuvre: Manoeuvre, t: float) -> SimulationFailed:
     )
 
 
+def _of_any_car(
+    engine: Engine | LinkageEngine, manoeuvre: Manoeuvre, record: _Recorder, hidden: tuple[Hidden, ...], seed: int
+) -> dict[str, Any]:
+    """What the motions of all cars have."""
+    spin, n = engine.spin_dof, len(record.q)
+    return {
+        "road": engine.road,
+        "manoeuvre": manoeuvre.name,
+        "settings": dataclasses.asdict(manoeuvre),
+        "brakes": manoeuvre.brakes,
+        "hidden": hidden,
+        "seed": seed,
+        "rate": 1.0 / RECORDED,
+        "t": np.arange(n) * RECORDED,
+        "position": record.q[:, :3],
+        "velocity": record.v[:, :3],
+        "acceleration": record.a[:, :3],
+        "attitude": matrices(record.q[:, 3:7]),
+        "turn": record.v[:, 3:6],
+        "turn_rate": record.a[:, 3:6],
+        "spin": np.stack([record.q[:, engine.spin_q], record.v[:, spin], record.a[:, spin]], axis=1),
+        "force": record.force,
+        "moment": record.moment,
+        "distance": record.distance,
+        "normal": record.normal,
+        "deflection": record.deflection,
+        "shaft": record.shaft,
+        "brake": record.brake * np.tanh(record.v[:, spin]),
+    }
+
+
+def _linkage_motion(
+    engine: LinkageEngine, manoeuvre: Manoeuvre, record: _Recorder, hidden: tuple[Hidden, ...], seed: int
+) -> LinkageMotion:
+    wheels = wheel_motion(engine, record.q, record.v, record.a)
+    return LinkageMotion(
+        **_of_any_car(engine, manoeuvre, record, hidden, seed),
+        car=engine.car,
+        level=np.eye(3),
+        centres=wheels["centre"],
+        attitudes=wheels["attitude"],
+        centre_velocity=wheels["velocity"],
+        centre_acceleration=wheels["acceleration"],
+        carrier_rate=wheels["turn"],
+        carrier_rate_change=wheels["turn_rate"],
+        q=record.q,
+        v=record.v,
+        a=record.a,
+    )
+
+
 def _motion(
-    engine: Engine, manoeuvre: Manoeuvre, record: _Recorder, hidden: tuple[Hidden, ...], seed: int, rate: float
+    engine: Engine, manoeuvre: Manoeuvre, record: _Recorder, hidden: tuple[Hidden, ...], seed: int
 ) -> SimulatedMotion:
     def joint(dofs: list[int], scale: Sequence[float]) -> NDArray[np.float64]:
         out = np.zeros((len(record.q), 3, 4))
@@ -181,43 +280,21 @@ def _motion(
         at = list(dofs)
         return np.stack([record.q[:, [dof + 1 for dof in at]], record.v[:, at], record.a[:, at]], axis=1)
 
-    attitude = matrices(record.q[:, 3:7])
+    given = _of_any_car(engine, manoeuvre, record, hidden, seed)
     twist = np.zeros((len(record.q), 3)) if engine.twist is None else columns([engine.torsion_dof])[..., 0]
-    settings: dict[str, Any] = dataclasses.asdict(manoeuvre)
     return SimulatedMotion(
+        **given,
         car=engine.car,
-        road=engine.road,
-        manoeuvre=manoeuvre.name,
-        settings=settings,
-        brakes=manoeuvre.brakes,
-        hidden=hidden,
-        seed=seed,
-        rate=rate,
-        t=np.arange(len(record.q)) / rate,
-        position=record.q[:, :3],
-        velocity=record.v[:, :3],
-        acceleration=record.a[:, :3],
-        attitude=attitude,
-        turn=record.v[:, 3:6],
-        turn_rate=record.a[:, 3:6],
         travel=joint(engine.slide_dof, engine.stretch),
         kingpin=joint(engine.steer_dof, [1.0] * 4),
-        spin=joint(engine.spin_dof, [1.0] * 4),
-        force=record.force,
-        moment=record.moment,
-        distance=record.distance,
-        normal=record.normal,
-        deflection=record.deflection,
         suspension=record.suspension,
-        shaft=record.shaft,
-        brake=record.brake * np.tanh(record.v[:, engine.spin_dof]),
         air=record.air,
         slides=engine.slides,
         turns=engine.turns,
         twist=twist,
         twist_height=engine.twist.z if engine.twist is not None else 0.0,
         attached={part.name: columns(dofs) for part, dofs in zip(engine.attached, engine.attached_dof, strict=True)},
-        outside=np.stack([rotate_back(attitude, record.outside[:, :3]), record.outside[:, 3:]], axis=1),
+        outside=np.stack([rotate_back(given["attitude"], record.outside[:, :3]), record.outside[:, 3:]], axis=1),
         level=level(engine.hidden),
         memory=record.states,
     )

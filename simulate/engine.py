@@ -84,6 +84,7 @@ class Engine:
         self.turn_dof = [address(f"turn_{c}") for c in CORNERS]
         self.steer_dof = [address(f"steer_{c}") for c in CORNERS]
         self.spin_dof = [address(f"spin_{c}") for c in CORNERS]
+        self.spin_q = [dof + 1 for dof in self.spin_dof]
         self.torsion_dof = address("torsion")
         self.attached_dof = [[address(joint) for joint in part.joints] for part in self.attached]
         # |u| > 1 when a hidden effect tilts the slide: MuJoCo's coordinate is the path length, travel s is along body z
@@ -311,6 +312,9 @@ class Engine:
             free = self.data.qacc
             self.data.qacc[:] = free - back.T @ np.linalg.solve(G @ back.T, G @ free)
         return self.data.qacc
+
+    def close(self, state: NDArray[np.float64]) -> None:
+        """Nothing: this car's tree has no loop to close."""
 
     def _move(self, q: list[float]) -> None:
         """Positions and axes of the wheels, where hidden effects move them."""

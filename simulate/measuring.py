@@ -20,7 +20,7 @@ from lacet.daq.rig import Rig, Sensor
 from lacet.daq.run import Run, Signal
 from lacet.simulate.hidden import Hidden
 from lacet.simulate.kinds import SHORT
-from lacet.simulate.motion import SimulatedMotion
+from lacet.simulate.motion import CarMotion
 from lacet.simulate.sensors import felt
 
 Array = NDArray[np.float64]
@@ -147,7 +147,7 @@ def sensed(
 
 
 def measure(
-    motion: SimulatedMotion,
+    motion: CarMotion,
     rig: Rig,
     seed: int = 0,
     *,
@@ -211,7 +211,7 @@ def _stamps(
 
 
 def exchange_run(
-    motion: SimulatedMotion,
+    motion: CarMotion,
     rig: Rig,
     seed: int = 0,
     *,

@@ -6,6 +6,7 @@ accelerations come from one solution of the equations of motion.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from lacet.daq.channels import CORNERS
 from lacet.simulate.cars import Car
 from lacet.simulate.hidden import Hidden
+from lacet.simulate.linkage.cars import SecondCar
 from lacet.simulate.road import Road
 from lacet.simulate.turning import rotation
 
@@ -52,8 +54,8 @@ def euler_zyx(R: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class SimulatedMotion:
-    """The motion and forces of one simulated drive.
+class CarMotion(ABC):
+    """The motion and forces of one simulated drive, as far as sensors need them: of any simulated car.
 
     Attributes (N samples at `rate`; SI; corners second)
     ----------
@@ -61,26 +63,15 @@ class SimulatedMotion:
     position, velocity, acceleration : (N, 3) of the body origin, ground axes (z up).
     attitude : (N, 3, 3) R_ground_body.
     turn, turn_rate : (N, 3) angular velocity and acceleration of the body, body axes.
-    travel : (N, 3, 4) s, ds/dt, d²s/dt², compression positive, along body z.
-    kingpin : (N, 3, 4) angle about the kingpin axis and its derivatives, left positive (rear: 0).
     spin : (N, 3, 4) wheel angle relative to the carrier and its derivatives, rolling forward positive.
     force, moment : (N, 4, 3) road on tyre reduced to the wheel centre, body axes.
     distance : (N, 4) wheel centre to road along body -z [m]; `normal` : (N, 3) road normal e, body axes.
-    deflection : (N, 4) tyre deflection δ [m]; `suspension` : (N, 4) spring, damper and all other forces between
-        chassis and carrier along the travel [N].
+    deflection : (N, 4) tyre deflection δ [m].
     shaft, brake : (N, 4) half-shaft torque (reacts on the chassis), brake torque (reacts on the carrier) [N·m].
-    air : (N, 2, 3) aerodynamic force and moment about the body origin, body axes.
-    slides : (4, 3) displacement of the wheel centres per unit of travel, `turns` : (4, 3) rotation of the carriers per
-        unit of travel [rad/m], both in the axes of the part of the body they are on.
-    twist : (N, 3) angle of the rear part of the body relative to the front one about x and its derivatives; 0 without
-        a hidden chassis torsion. `twist_height` : z of its axis [m].
-    attached : coordinates of hidden bodies and their derivatives, (N, 3, k) by effect.
-    outside : (N, 2, 3) road force on hidden bodies and its moment about the body origin, body axes.
     level : (3, 3) rotation from ground axes (z normal to the undisturbed road) to level ones (z up).
-    memory : (N, m) states of hidden effects, corner by corner, then those of bodies.
     """
 
-    car: Car
+    car: Car | SecondCar
     road: Road
     manoeuvre: str
     settings: dict[str, Any]
@@ -95,26 +86,54 @@ class SimulatedMotion:
     attitude: Array
     turn: Array
     turn_rate: Array
-    travel: Array
-    kingpin: Array
     spin: Array
     force: Array
     moment: Array
     distance: Array
     normal: Array
     deflection: Array
-    suspension: Array
     shaft: Array
     brake: Array
-    air: Array
-    slides: Array
-    turns: Array
-    twist: Array
-    twist_height: float
-    attached: dict[str, Array]
-    outside: Array
     level: Array
-    memory: Array
+
+    @property
+    @abstractmethod
+    def own_wheel_centres(self) -> Array:
+        """(N, 4, 3) wheel centres in the axes of the part of the body they are on [m]."""
+
+    @cached_property
+    def own_carrier_attitude(self) -> Array:
+        """(N, 4, 3, 3) R = Rz(steer)·Rx(camber)·Ry(pitch) relative to the part of the body a carrier is on."""
+        raise NotImplementedError
+
+    @cached_property
+    def wheel_centre_motion(self) -> tuple[Array, Array]:
+        """Velocity and acceleration (N, 4, 3) of the wheel centres, body axes [m/s, m/s²]."""
+        raise NotImplementedError
+
+    @cached_property
+    def carrier_turn(self) -> tuple[Array, Array]:
+        """Angular velocity and acceleration (N, 4, 3) of the carriers, body axes [rad/s, rad/s²]."""
+        raise NotImplementedError
+
+    @cached_property
+    def twisted(self) -> bool:
+        """Whether the rear part of the body rotates relative to the front one."""
+        return False
+
+    @cached_property
+    def rear_attitude(self) -> Array:
+        """(N, 3, 3) R_body_rear of the rear part of the body."""
+        return np.broadcast_to(np.eye(3), (len(self.t), 3, 3))
+
+    def on_rear(self, points: Array) -> Array:
+        """(N, 3) in body axes of a point given in the rear part's axes: fixed (3,), or moving (N, 3)."""
+        return np.broadcast_to(points, (len(self.t), 3))
+
+    @cached_property
+    def carrier_attitude(self) -> Array:
+        """(N, 4, 3, 3) R_body_carrier."""
+        return self.own_carrier_attitude
 
     @property
     def gravity(self) -> Array:
@@ -125,6 +144,104 @@ class SimulatedMotion:
     def level_attitude(self) -> Array:
         """(N, 3, 3) R_level_body, the attitude that an inertial unit measures: `attitude` except on a sloping road."""
         return self.level @ self.attitude
+
+    @property
+    def steer(self) -> Array:
+        """(N, 4) steer about z of the part of the body the wheel is on [rad], as its camera measures it."""
+        R = self.own_carrier_attitude
+        return np.arctan2(-R[..., 0, 1], R[..., 1, 1])
+
+    @property
+    def camber(self) -> Array:
+        """(N, 4) camber about x after steer [rad]."""
+        return np.arcsin(self.own_carrier_attitude[..., 2, 1])
+
+    @property
+    def carrier_pitch(self) -> Array:
+        """(N, 4) pitch of the carrier after steer and camber [rad]."""
+        R = self.own_carrier_attitude
+        return np.arctan2(-R[..., 2, 0], R[..., 2, 2])
+
+    def at(self, points: Array) -> tuple[Array, Array]:
+        """Velocity and acceleration (N, k, 3), body axes, of points fixed to the body, (k, 3), or moving, (N, k, 3)."""
+        v, a = rotate_back(self.attitude, self.velocity), rotate_back(self.attitude, self.acceleration)
+        w, wd = self.turn[:, None, :], self.turn_rate[:, None, :]
+        swing = np.cross(w, points)
+        return v[:, None, :] + swing, a[:, None, :] + np.cross(wd, points) + np.cross(w, swing)
+
+    def spinning_momentum_rate(self, spin: Array, transverse: Array) -> Array:
+        """(N, 4, 3) rate of change of the angular momentum of axisymmetric wheels about their centres, body axes.
+
+        `spin`, `transverse` : (4,) moments of inertia about the spin axis and across it [kg·m²].
+        """
+        R = self.carrier_attitude
+        w, wd = (rotate_back(R, x) for x in self.carrier_turn)
+        inertia = np.stack([transverse, spin, transverse], axis=-1)
+        y = np.array([0.0, 1.0, 0.0])
+        momentum = inertia * (w + self.spin[:, 1, :, None] * y)
+        own = inertia * (wd + self.spin[:, 2, :, None] * y)
+        return rotate(R, own + np.cross(w, momentum))
+
+    @cached_property
+    def hub(self) -> tuple[Array, Array]:
+        """Force and moment (N, 4, 3) of wheel on hub (rim and tyre outboard) about the wheel centre, body axes.
+
+        The contact load minus inertia and weight of the outboard mass.
+        """
+        axles = [self.car.axle(corner) for corner in CORNERS]
+        mass = np.array([a.outboard_mass for a in axles])[:, None]
+        felt = self.wheel_centre_motion[1] - self.gravity[:, None, :]
+        rate = self.spinning_momentum_rate(
+            np.array([a.outboard_spin for a in axles]), np.array([a.outboard_transverse for a in axles])
+        )
+        return self.force - mass * felt, self.moment - rate
+
+    def wheel_loads(self, reference: str) -> tuple[Array, Array]:
+        """Force and moment (N, 4, 3), carrier axes, about the wheel centre, in the ``contact`` or ``hub`` reference."""
+        force, moment = (self.force, self.moment) if reference == "contact" else self.hub
+        return rotate_back(self.carrier_attitude, force), rotate_back(self.carrier_attitude, moment)
+
+    def truth(self) -> dict[str, Any]:
+        """True parameters and settings of the run, JSON-able."""
+        return {
+            "car": self.car.truth(),
+            "hidden": [effect.truth() for effect in self.hidden],
+            "manoeuvre": {"name": self.manoeuvre, "road": self.road.name, **self.settings},
+            "seed": self.seed,
+        }
+
+
+@dataclass(frozen=True)
+class SimulatedMotion(CarMotion):
+    """The motion and forces of one drive of a car whose wheel centres slide along body z.
+
+    Attributes beside those of `CarMotion`
+    ----------
+    travel : (N, 3, 4) s, ds/dt, d²s/dt², compression positive, along body z.
+    kingpin : (N, 3, 4) angle about the kingpin axis and its derivatives, left positive (rear: 0).
+    suspension : (N, 4) spring, damper and all other forces between chassis and carrier along the travel [N].
+    air : (N, 2, 3) aerodynamic force and moment about the body origin, body axes.
+    slides : (4, 3) displacement of the wheel centres per unit of travel, `turns` : (4, 3) rotation of the carriers per
+        unit of travel [rad/m], both in the axes of the part of the body they are on.
+    twist : (N, 3) angle of the rear part of the body relative to the front one about x and its derivatives; 0 without
+        a hidden chassis torsion. `twist_height` : z of its axis [m].
+    attached : coordinates of hidden bodies and their derivatives, (N, 3, k) by effect.
+    outside : (N, 2, 3) road force on hidden bodies and its moment about the body origin, body axes.
+    memory : (N, m) states of hidden effects, corner by corner, then those of bodies.
+    """
+
+    car: Car
+    travel: Array
+    kingpin: Array
+    suspension: Array
+    air: Array
+    slides: Array
+    turns: Array
+    twist: Array
+    twist_height: float
+    attached: dict[str, Array]
+    outside: Array
+    memory: Array
 
     @cached_property
     def twisted(self) -> bool:
@@ -177,30 +294,6 @@ class SimulatedMotion:
             out[:, 2:] = self.rear_attitude[:, None] @ out[:, 2:]
         return out
 
-    @property
-    def steer(self) -> Array:
-        """(N, 4) steer about z of the part of the body the wheel is on [rad], as its camera measures it."""
-        R = self.own_carrier_attitude
-        return np.arctan2(-R[..., 0, 1], R[..., 1, 1])
-
-    @property
-    def camber(self) -> Array:
-        """(N, 4) camber about x after steer [rad]."""
-        return np.arcsin(self.own_carrier_attitude[..., 2, 1])
-
-    @property
-    def carrier_pitch(self) -> Array:
-        """(N, 4) pitch of the carrier after steer and camber [rad]."""
-        R = self.own_carrier_attitude
-        return np.arctan2(-R[..., 2, 0], R[..., 2, 2])
-
-    def at(self, points: Array) -> tuple[Array, Array]:
-        """Velocity and acceleration (N, k, 3), body axes, of points fixed to the body, (k, 3), or moving, (N, k, 3)."""
-        v, a = rotate_back(self.attitude, self.velocity), rotate_back(self.attitude, self.acceleration)
-        w, wd = self.turn[:, None, :], self.turn_rate[:, None, :]
-        swing = np.cross(w, points)
-        return v[:, None, :] + swing, a[:, None, :] + np.cross(wd, points) + np.cross(w, swing)
-
     @cached_property
     def wheel_centre_motion(self) -> tuple[Array, Array]:
         """Velocity and acceleration (N, 4, 3) of the wheel centres, body axes [m/s, m/s²]."""
@@ -242,44 +335,3 @@ class SimulatedMotion:
             second = second + more * about + np.cross(first, rate * about)
             first = first + rate * about
         return w + first, wd + second + np.cross(w, first)
-
-    def spinning_momentum_rate(self, spin: Array, transverse: Array) -> Array:
-        """(N, 4, 3) rate of change of the angular momentum of axisymmetric wheels about their centres, body axes.
-
-        `spin`, `transverse` : (4,) moments of inertia about the spin axis and across it [kg·m²].
-        """
-        R = self.carrier_attitude
-        w, wd = (rotate_back(R, x) for x in self.carrier_turn)
-        inertia = np.stack([transverse, spin, transverse], axis=-1)
-        y = np.array([0.0, 1.0, 0.0])
-        momentum = inertia * (w + self.spin[:, 1, :, None] * y)
-        own = inertia * (wd + self.spin[:, 2, :, None] * y)
-        return rotate(R, own + np.cross(w, momentum))
-
-    @cached_property
-    def hub(self) -> tuple[Array, Array]:
-        """Force and moment (N, 4, 3) of wheel on hub (rim and tyre outboard) about the wheel centre, body axes.
-
-        The contact load minus inertia and weight of the outboard mass.
-        """
-        axles = [self.car.axle(corner) for corner in CORNERS]
-        mass = np.array([a.outboard_mass for a in axles])[:, None]
-        felt = self.wheel_centre_motion[1] - self.gravity[:, None, :]
-        rate = self.spinning_momentum_rate(
-            np.array([a.outboard_spin for a in axles]), np.array([a.outboard_transverse for a in axles])
-        )
-        return self.force - mass * felt, self.moment - rate
-
-    def wheel_loads(self, reference: str) -> tuple[Array, Array]:
-        """Force and moment (N, 4, 3), carrier axes, about the wheel centre, in the ``contact`` or ``hub`` reference."""
-        force, moment = (self.force, self.moment) if reference == "contact" else self.hub
-        return rotate_back(self.carrier_attitude, force), rotate_back(self.carrier_attitude, moment)
-
-    def truth(self) -> dict[str, Any]:
-        """True parameters and settings of the run, JSON-able."""
-        return {
-            "car": self.car.truth(),
-            "hidden": [effect.truth() for effect in self.hidden],
-            "manoeuvre": {"name": self.manoeuvre, "road": self.road.name, **self.settings},
-            "seed": self.seed,
-        }

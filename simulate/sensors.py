@@ -14,7 +14,7 @@ from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.errors import UsageError
 from lacet.daq.rig import Rig, Sensor
 from lacet.simulate.hidden import Hidden, total_of
-from lacet.simulate.motion import SimulatedMotion, euler_zyx, rotate, rotate_back
+from lacet.simulate.motion import CarMotion, euler_zyx, rotate, rotate_back
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ def pose_matrix(roll: float, pitch: float, yaw: float) -> Array:
     )
 
 
-def felt(motion: SimulatedMotion, rig: Rig, faults: Sequence[Hidden] = ()) -> dict[str, Array]:
+def felt(motion: CarMotion, rig: Rig, faults: Sequence[Hidden] = ()) -> dict[str, Array]:
     """Ideal signals of the sensors of `rig`, channel → (N, k), at the motion's instants: no latency, noise or zeros.
 
     `faults` : misalignment, position, cross-talk and tilted beams are applied here, the others in `simulate.measuring`.
@@ -75,7 +75,7 @@ def _turned(faults: Sequence[Hidden], part: str) -> Array:
     return pose_matrix(*angles)
 
 
-def _wheels(motion: SimulatedMotion, reference: str, sensor: Sensor, faults: Sequence[Hidden]) -> dict[str, Array]:
+def _wheels(motion: CarMotion, reference: str, sensor: Sensor, faults: Sequence[Hidden]) -> dict[str, Array]:
     force, moment = (motion.force, motion.moment) if reference == "contact" else motion.hub
     if sensor.axes == "carrier":
         R = motion.carrier_attitude
@@ -109,7 +109,7 @@ def _mount(sensor: Sensor) -> Array:
     return np.asarray(sensor.position.get("", (0.0, 0.0, 0.0)), float)
 
 
-def _imu(motion: SimulatedMotion, sensor: Sensor, faults: Sequence[Hidden]) -> dict[str, Array]:
+def _imu(motion: CarMotion, sensor: Sensor, faults: Sequence[Hidden]) -> dict[str, Array]:
     if sensor.axes not in ("sensor", "body"):
         raise _axes_error(sensor, "sensor or body")
     own = pose_matrix(*sensor.orientation) if sensor.axes == "sensor" else np.eye(3)
@@ -123,7 +123,7 @@ def _imu(motion: SimulatedMotion, sensor: Sensor, faults: Sequence[Hidden]) -> d
     }
 
 
-def _lasers(motion: SimulatedMotion, sensor: Sensor, faults: Sequence[Hidden]) -> dict[str, Array]:
+def _lasers(motion: CarMotion, sensor: Sensor, faults: Sequence[Hidden]) -> dict[str, Array]:
     out: dict[str, Array] = {}
     tilt = pose_matrix(total_of(faults, "laser_tilt.roll"), total_of(faults, "laser_tilt.pitch"), 0.0)
     for i, corner in enumerate(CORNERS):
@@ -149,14 +149,14 @@ def _lasers(motion: SimulatedMotion, sensor: Sensor, faults: Sequence[Hidden]) -
     return out
 
 
-def _torques(motion: SimulatedMotion) -> dict[str, Array]:
+def _torques(motion: CarMotion) -> dict[str, Array]:
     out = {f"shaft.{c}.torque": motion.shaft[:, i : i + 1] for i, c in enumerate(CORNERS)}
     out |= {f"brake.{c}.torque": motion.brake[:, i : i + 1] for i, c in enumerate(CORNERS)}
     front = np.max(np.abs(motion.brake[:, :2]), axis=1)
     return out | {"brake.pressure": (front / BRAKE_TORQUE_PER_PASCAL)[:, None]}
 
 
-def _correvit(motion: SimulatedMotion, sensor: Sensor, faults: Sequence[Hidden]) -> dict[str, Array]:
+def _correvit(motion: CarMotion, sensor: Sensor, faults: Sequence[Hidden]) -> dict[str, Array]:
     if sensor.axes not in ("sensor", "body", "heading"):
         raise _axes_error(sensor, "sensor, body or heading")
     velocity = motion.at(_mount(sensor)[None, :])[0][:, 0]

@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from lacet.daq.channels import CORNERS
 from lacet.simulate.cars import Axle, Car
+from lacet.simulate.linkage.bench import kinematics
+from lacet.simulate.linkage.cars import SecondCar
 
 
-def vehicle_text(car: Car) -> str:
-    """The car's geometry in the format of ``docs/vehicle.md``: the identification's a-priori knowledge."""
+def vehicle_text(of: Car | SecondCar) -> str:
+    """The car's geometry in the format of ``docs/vehicle.md``: the identification's a-priori knowledge.
+
+    Of a second car with the tables of its virtual bench: what one axle's wheels do in bump.
+    """
+    car = of.sizes if isinstance(of, SecondCar) else of
+    moves = "its wheels hang on linkages" if isinstance(of, SecondCar) else "each wheel centre moves along body z only"
     source = "geometry of the simulated car"
 
     def row(key: str, value: float, unit: str) -> str:
@@ -32,6 +41,18 @@ def vehicle_text(car: Car) -> str:
             ]
         return [*lines, f"driven = {str(of.driven).lower()}", 'brakes = "outboard"']
 
+    def table(name: str, series: dict[str, np.ndarray]) -> list[str]:
+        lines = ["", f"[axle.{name}.kinematics]"]
+        for key, values in series.items():
+            angle = key in ("camber", "toe", "pitch")
+            shown = [round(float(v), 5) + 0.0 for v in (np.degrees(values) if angle else 1e3 * values)]
+            unit = "deg" if angle else "mm"
+            lines.append(
+                f'{key} = {{ value = {shown}, unit = "{unit}", source = "virtual bench, both wheels in bump" }}'
+            )
+        return lines
+
+    tables = kinematics(of) if isinstance(of, SecondCar) else {}
     heights = [round(height, 6) for height in car.heights.tolist()]
     differing: list[str] = []
     for corner, height in zip(CORNERS, heights, strict=True):
@@ -41,12 +62,14 @@ def vehicle_text(car: Car) -> str:
         [
             'format = "lacet-vehicle 1"',
             f'name = "{car.name}"',
-            f'description = "Geometry of the simulated car {car.name}; each wheel centre moves along body z only."',
+            f'description = "Geometry of the simulated car {car.name}; {moves}."',
             "",
             "[geometry]",
             row("wheelbase", car.wheelbase, "m"),
             *axle("front", car.front, heights[0]),
+            *(table("front", tables["front"]) if tables else ()),
             *axle("rear", car.rear, heights[2]),
+            *(table("rear", tables["rear"]) if tables else ()),
             *differing,
             "",
         ]

@@ -15,7 +15,7 @@ from lacet.daq.formats.wire import StartRecord, StopRecord
 from lacet.daq.frames import Frames
 from lacet.daq.rig import Rig
 from lacet.drivers import open_driver
-from lacet.simulate import SimulatedMotion
+from lacet.simulate import CarMotion
 
 BATCH_NS = 50_000_000
 """Duration of the batches of frames in a capture [ns], as a recorder's."""
@@ -57,7 +57,7 @@ def merged(source: str, parts: Iterable[Frames]) -> Frames:
     return Frames(source, joined.t_ns[order], joined.ident[order], offset, joined.data[take])
 
 
-def simulated_start(name: str, motion: SimulatedMotion, rig: Rig, vehicle_text: str, start_ns: int) -> StartRecord:
+def simulated_start(name: str, motion: CarMotion, rig: Rig, vehicle_text: str, start_ns: int) -> StartRecord:
     """The start record of a simulated run, without the documents of the drivers."""
     when = datetime.fromtimestamp(start_ns / 1e9, UTC)
     return StartRecord(

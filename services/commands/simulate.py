@@ -19,17 +19,15 @@ from lacet.services.commands.progress import Line
 from lacet.services.progress import ServiceStage, ServiceStep, planned
 from lacet.services.timing.usual import drives_plan
 from lacet.simulate import (
-    CARS,
     KINDS,
     MANOEUVRES,
     START_NS,
     Car,
+    CarMotion,
     Hidden,
     Manoeuvre,
     Sheet,
-    SimulatedMotion,
     exchange_run,
-    find_car,
     make_manoeuvre,
     measure,
 )
@@ -37,6 +35,8 @@ from lacet.simulate import (
     run as drive,
 )
 from lacet.simulate.kinds import listed
+from lacet.simulate.known_cars import KNOWN_CARS, known_car
+from lacet.simulate.linkage import SecondCar
 from lacet.simulate.measuring import drawn
 from lacet.simulate.vehicle_file import vehicle_text
 
@@ -52,9 +52,10 @@ lacks; the truth (every parameter and hidden effect) is written only where --tru
   lacet simulate --rig rig.toml --vehicle my-car.toml --manoeuvre sinus -o runs       a car like that of a vehicle file
   lacet simulate --rig rig.toml --manoeuvre sinus --hide anti_roll_bar.front=19780 --seed 3 -o runs --truth truth.json
   lacet simulate --rig rig.toml --manoeuvre rough --hide bump_stop.front=200000,gap=0.02 -o runs
+  lacet simulate --rig rig.toml --car second --manoeuvre sinus -o runs       a car on linkages (docs/second-car.md)
   lacet simulate --rig rig.toml --manoeuvre sinus --noise 2 -o runs      twice the noise the rig file says
 
-Manoeuvres: {", ".join(MANOEUVRES)}. Cars: {", ".join(CARS)}.
+Manoeuvres: {", ".join(MANOEUVRES)}. Cars: {", ".join(KNOWN_CARS)}.
 {fill(f"Hidden effects: {', '.join(KINDS)}.", 118)}
 `lacet simulate --hide` alone lists them with law, unit and constants. Those of an axle end in .front or .rear, laws of
 a suspension also in one corner (coulomb.fl), those of a sensor in its name (sensor_latency.imu).
@@ -64,7 +65,8 @@ Gains and latencies belong to the instruments: runs of one command share theirs.
 several commands give each its own --seed, and all the same --sheet-seed.
 
 From a vehicle file come geometry and what its [apriori] table says (mass, spring.fl.k, …); the rest is usual for the
-size and is printed. Bench tables are not simulated: wheel centres move along body z."""
+size and is printed. Bench tables are not simulated: wheel centres move along body z. Those of the cars called second
+hang on linkages; these hide sensor faults only."""
 
 HOUR_NS = 3_600_000_000_000
 RUN_STEP = 1000
@@ -74,7 +76,11 @@ RUN_STEP = 1000
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.add_argument(
-        "--vehicle", default="peugeot-406", metavar="CAR", help="simulated car (default peugeot-406), or a vehicle file"
+        "--vehicle",
+        "--car",
+        default="peugeot-406",
+        metavar="CAR",
+        help="simulated car (default peugeot-406), or a vehicle file",
     )
     parser.add_argument("--rig", required=True, metavar="FILE", help="rig file, or the name of one shipped with lacet")
     parser.add_argument(
@@ -166,10 +172,10 @@ def run(args: argparse.Namespace) -> int:
     return DONE
 
 
-def _car(named: str, rig: Rig) -> tuple[Car, tuple[Hidden, ...], tuple[str, ...]]:
+def _car(named: str, rig: Rig) -> tuple[Car | SecondCar, tuple[Hidden, ...], tuple[str, ...]]:
     """The car, its anti-roll bars, and the assumptions about it."""
-    if named in CARS or not named.endswith(".toml"):
-        return find_car(named), (), ()
+    if named in KNOWN_CARS or not named.endswith(".toml"):
+        return known_car(named), (), ()
     from lacet.services.planning.nominal_car import known_values, planned_car  # imports the identification: 2 s
 
     vehicle = Vehicle.load(named)
@@ -233,7 +239,7 @@ def _sheet(sheet: Sheet, noise: float, rig: Rig, seed: int) -> dict[str, Any]:
 
 
 def _capture(
-    file: Path, motion: SimulatedMotion, rig: Rig, vehicle: str, seed: int, sheet: Sheet, noise: float, start_ns: int
+    file: Path, motion: CarMotion, rig: Rig, vehicle: str, seed: int, sheet: Sheet, noise: float, start_ns: int
 ) -> None:
     blocks = measure(motion, rig, seed, sheet=sheet, noise=noise, start_ns=start_ns)
     frames, documents = encode_rig(blocks, rig)

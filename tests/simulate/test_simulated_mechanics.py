@@ -113,7 +113,7 @@ def test_wheel_inertia_forces_are_the_engines_own() -> None:
         q, v = engine.data.qpos.tolist(), engine.data.qvel.tolist()
         engine.load(q, v, [0.0] * 8, 0.0, [50.0] * 4, [0.0] * 4, 0.0005)
         record.write(0, engine, engine.accelerate(), [50.0] * 4, [0.0] * 4)
-        motion = _motion(engine, make_manoeuvre("straight"), record, (), 0, 1000.0)
+        motion = _motion(engine, make_manoeuvre("straight"), record, (), 0)
         engine.lib.mj_rnePostConstraint(engine.model, engine.data)
         spin = np.array([CAR.axle(c).spin_inertia for c in CORNERS])
         side = np.array([CAR.axle(c).inboard_transverse + CAR.axle(c).outboard_transverse for c in CORNERS])

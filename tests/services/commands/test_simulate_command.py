@@ -248,3 +248,32 @@ def test_a_car_like_that_of_a_vehicle_file_is_driven(
     assert lacet("simulate", "--rig", rig, *words, "-o", tmp_path) == 2
     assert "would be replaced" in capsys.readouterr().err
     assert Vehicle.load(tmp_path / "kit-car.toml").apriori
+
+
+def test_a_car_on_linkages_writes_what_identify_reads_and_keeps_its_truth_apart(tmp_path: Path, rig: Path) -> None:
+    out, truth = tmp_path / "runs", tmp_path / "truth" / "truth.json"
+    words = ["simulate", "--rig", rig, "--car", "second", "--manoeuvre", "sinus", "--set", "duration=0.3"]
+    assert lacet(*words, "--format", "parquet", "-o", out, "--truth", truth) == 0
+    run, vehicle = open_run(out / "sinus.parquet"), Vehicle.load(out / "second.toml")
+    assert set(run.signals) == set(STANDARD)
+    assert run.vehicle == "second"
+    assert all(corner.table is not None for corner in vehicle.corners.values())
+    (found,) = json.loads(truth.read_text(encoding="utf-8"))["runs"]
+    assert found["design"]["roll_stiffness"][0] > 0.0
+    assert "bushings" in found["car"]["linkage"]
+    assert all(b"bushing" not in file.read_bytes() for file in out.iterdir())
+
+
+def test_the_bench_writes_a_table_a_test_and_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out, result = tmp_path / "bench", tmp_path / "result.json"
+    words = ["bench", "--car", "second", "--test", "single", "--test", "aligning", "-o", out]
+    assert lacet(*words, "--json", result) == 0
+    assert sorted(file.name for file in out.iterdir()) == ["aligning.csv", "bench.png", "single.csv"]
+    head, *rows = (out / "single.csv").read_text(encoding="utf-8").splitlines()
+    assert len(head.split(",")) == len(rows[0].split(","))
+    assert [one["steps"] for one in json.loads(result.read_text(encoding="utf-8"))["tables"]] == [len(rows), 7]
+    assert (out / "bench.png").read_bytes().startswith(b"\x89PNG")
+    assert lacet(*words) == 2
+    assert "already there" in capsys.readouterr().err
+    assert lacet("bench", "--car", "seconds", "-o", tmp_path / "other") == 2
+    assert "did you mean 'second'" in capsys.readouterr().err

@@ -1,0 +1,106 @@
+"""The virtual bench measures what the mechanism does, in the signs of the vehicle file."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lacet.daq.errors import UsageError
+from lacet.daq.vehicle import Vehicle
+from lacet.simulate.linkage.bench import COLUMNS, NOISE, Bench, BenchTest, bench_tests, find_test
+from lacet.simulate.linkage.cars import SecondCar
+from lacet.simulate.linkage.truth import values_at
+from lacet.simulate.vehicle_file import vehicle_text
+from tests.simulate.linkage.second_cars import mechanism, statics
+
+
+def short(name: str) -> BenchTest:
+    """The first, middle and last step of a test, and those beside the middle."""
+    test = find_test(name)
+    middle = len(test.steps) // 2
+    picked = (0, middle - 1, middle, middle + 1, len(test.steps) - 1)
+    return BenchTest(test.name, test.moved, tuple(test.steps[i] for i in picked))
+
+
+def test_slopes_in_bump_are_those_of_the_mechanism() -> None:
+    car = statics("second")
+    values = values_at(car, car.solve(np.zeros(4)))
+    columns = Bench(mechanism("second")).run(short("bump")).columns
+    for i, (corner, side, pair) in enumerate(
+        (("fl", 1, (0, 1)), ("fr", -1, (0, 1)), ("rl", 1, (2, 3)), ("rr", -1, (2, 3)))
+    ):
+        travel = np.diff(columns[f"travel.{corner}"][[1, 3]])[0]
+        slope = {name: np.diff(columns[f"{name}.{corner}"][[1, 3]])[0] / travel for name in COLUMNS}
+        path, turn = (x[i, list(pair)].sum(axis=0) for x in (values.path, values.turn))
+        n = car.mechanism.design_attitudes[i][:, 1]
+        change = np.cross(turn, n)
+        steer = (n[0] * change[1] - n[1] * change[0]) / (n[0] ** 2 + n[1] ** 2)
+        assert slope["x"] == pytest.approx(path[0], abs=3e-3)
+        assert slope["y"] == pytest.approx(side * path[1], abs=3e-3)
+        assert slope["toe"] == pytest.approx(-side * np.degrees(steer) / 1e3, abs=4e-4)
+        assert slope["camber"] == pytest.approx(-side * np.degrees(change[2] / np.sqrt(1 - n[2] ** 2)) / 1e3, abs=4e-4)
+        rate = values.wheel_rate[i, list(pair)].sum()
+        assert slope["fz"] == pytest.approx(rate / 1e3, rel=0.01)
+
+
+def test_both_sides_agree_and_opposed_loads_mirror() -> None:
+    bench = Bench(mechanism("second"))
+    for name in ("bump", "lateral-opposed"):
+        columns = bench.run(short(name)).columns
+        for column in ("toe", "camber", "x", "y", "z", "spin", "fz"):
+            for axle in "fr":
+                np.testing.assert_allclose(columns[f"{column}.{axle}l"], columns[f"{column}.{axle}r"], atol=1e-5)
+    columns = bench.run(short("roll")).columns
+    np.testing.assert_allclose(columns["toe.fl"], columns["toe.fr"][::-1], atol=1e-7)
+
+
+def test_steering_to_the_left_toes_the_left_wheel_out_and_the_right_one_in() -> None:
+    car = SecondCar.named("second")
+    columns = Bench(mechanism("second")).run(short("steer")).columns
+    forward = columns["rack"] > 0  # a rack behind the axle steers to the right when it moves to the left
+    assert np.any(forward)
+    assert np.all(columns["toe.fl"][forward] > np.degrees(car.front.toe))
+    assert np.all(columns["toe.fr"][forward] < np.degrees(car.front.toe))
+
+
+def test_the_other_wheel_moves_a_wheel_of_twist_beam_and_live_axle_and_none_of_the_wishbones() -> None:
+    moved = {}
+    for name in ("second", "second-live-axle"):
+        columns = Bench(mechanism(name)).run(short("single")).columns
+        moved[name] = {c: np.ptp(columns[f"camber.{c}"]) for c in ("fr", "rr")}
+        assert moved[name]["rr"] > 20 * moved[name]["fr"]
+    assert moved["second-live-axle"]["rr"] > 2.0  # degrees: a rigid axle
+
+
+def test_the_vehicle_file_has_the_bump_test_and_loads() -> None:
+    car = SecondCar.named("second")
+    vehicle = Vehicle.parse(vehicle_text(car), "second.toml")
+    columns = Bench(mechanism("second")).run(find_test("bump")).columns
+    for corner in ("fl", "fr", "rl", "rr"):
+        table = vehicle.corners[corner].table
+        assert table is not None
+        np.testing.assert_allclose(table.travel, 1e-3 * columns[f"travel.{corner}"], atol=1e-9)
+        for own, measured in (("half_track", "y"), ("half_wheelbase", "x"), ("toe", "toe"), ("camber", "camber")):
+            change = columns[f"{measured}.{corner}"] - columns[f"{measured}.{corner}"][6]
+            scale = 1e3 if COLUMNS[measured][0] == "mm" else np.degrees(1.0)
+            np.testing.assert_allclose(scale * getattr(table, own), change, atol=1e-4)
+
+
+def test_noise_is_that_of_a_rig_and_the_table_is_a_csv_with_units() -> None:
+    test = short("bump")
+    clean, noisy = (Bench(mechanism("second"), noise=noise).run(test) for noise in (0.0, 1.0))
+    for unit, sigma in NOISE.items():
+        names = [f"{name}.{c}" for name, (of, _) in COLUMNS.items() if of == unit for c in ("fl", "fr", "rl", "rr")]
+        errors = np.concatenate([noisy.columns[name] - clean.columns[name] for name in names])
+        assert 0.6 * sigma < np.std(errors) < 1.5 * sigma
+    head, *rows = clean.csv().splitlines()
+    assert len(rows) == len(test.steps)
+    assert "toe.fl [deg]" in head
+    assert "fz.rr [N]" in head
+    assert len(head.split(",")) == len(rows[0].split(",")) == 1 + 4 * len(COLUMNS)
+
+
+def test_an_unknown_test_is_refused_with_the_list() -> None:
+    with pytest.raises(UsageError, match="bump"):
+        find_test("bumb")
+    assert "grid" in bench_tests()
