@@ -90,10 +90,6 @@ ROWS = (*CHASSIS_ROWS, *SUSPENSION_ROWS, *TYRE_ROWS, *SPIN_ROWS, *BODY_ROWS)
 """Every row of the equations, in the order of all reports."""
 _BY_TEXT: dict[str, Row] = {str(row): row for row in ROWS}
 
-BODY_LEVERS: Mapping[Row, float] = dict(zip(BODY_ROWS, (1.0, 0.75, 1.9), strict=True))
-"""Proportions of the residuals of the body's rows: the lever with which an error of one suspension's force enters
-[1 for heave, m for roll and pitch]. Half a track, and the RMS distance of both axles from the body's origin; sizes of
-passenger cars, which only set weights."""
 ROLL_AND_PITCH = (CHASSIS_ROWS[3], CHASSIS_ROWS[4])
 """The chassis' rows that no run without wheel loads on the move has."""
 SPRUNG_MASS = "sprung_mass"
@@ -109,6 +105,16 @@ SMALL_SLOPE = 0.01
 An engine's braking torque of 300 N·m at the wheel then contributes 3 N to the row."""
 _LARGE_CAMBER = 0.1
 """Camber with which a carrier's toe change is taken as rotation about the spin axis, where its size matters [rad]."""
+
+
+def body_levers(vehicle: Vehicle) -> dict[Row, float]:
+    """Proportions of the residuals of the body's rows: levers with which an error of one suspension's force enters.
+
+    1 for heave; for roll and pitch the RMS distance of the wheel centres from the body's origin in y and x [m].
+    """
+    x, y = (np.array([corner.position[axis] for corner in vehicle.corners.values()]) for axis in (0, 1))
+    roll, pitch = (float(np.sqrt(np.mean(lever**2))) for lever in (y, x))
+    return dict(zip(BODY_ROWS, (1.0, roll, pitch), strict=True))
 
 
 class Absence(Enum):

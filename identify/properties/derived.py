@@ -20,10 +20,9 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.corner_rates import BLOCKS, CornerNumbers, corner_numbers, rows_unseen, suspension_laws
 from lacet.identify.properties.ride_model import ride_values
 from lacet.identify.regression.wls import Fit
+from lacet.identify.validation.parameter_estimates import WIDE
 from lacet.identify.validation.prediction_uncertainty import Knowledge, OpenParameters
 
-WIDE = 0.25
-"""Half of the 95 % interval ÷ value above which a value is not determined."""
 _SEEN = (0.005, 0.995)
 """Quantiles that bound a range covered, so that a few noisy samples do not widen it."""
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from lacet.identify.car.rows import BODY_LEVERS, Row
+from lacet.identify.car.rows import Row, body_levers
 from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -77,7 +77,8 @@ def preview(fitted: Fit, effect: Effect) -> Preview:
             run.add(row, np.concatenate([block, columns], axis=1), piece.right[row], weights)
     known = scipy.linalg.block_diag(fitted.equations.known, np.diag([1.0 / q.prior for q in effect.parameters]))
     equations = Equations([run for run in runs if run is not None], known, fitted.equations.rows)
-    x, _ = equations.iterate(fitted.sigma, {row: 1e-6 * s for row, s in fitted.sigma.items()}, BODY_LEVERS)
+    levers = body_levers(fitted.runs[0].recording.vehicle)
+    x, _ = equations.iterate(fitted.sigma, {row: 1e-6 * s for row, s in fitted.sigma.items()}, levers)
     # The bias correction is kept: it depends on the columns, which are unchanged but for the new ones.
     x[:p] += fitted.correction[fitted.place]
     physics = np.zeros(len(fitted.physics))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lacet.identify.car.rows import Row, RowAbsence
+from lacet.identify.car.rows import SPRUNG_MASS, Row, RowAbsence
 from lacet.identify.effects.base import Effect, columns_by_row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -58,13 +58,30 @@ class RowsAbsent:
 
 
 @dataclass(frozen=True)
+class SeenAside:
+    """The runs show the parameter only aside, in rows of the body: its own row is absent.
+
+    Attributes
+    ----------
+    half : half of the 95 % interval with the sensor sheet [`unit`], wider than `WIDE` of the value.
+    row : the absent row in which it acts most; None where no run is at hand that would show it.
+    absence : why that row is absent; None where it has no usable sample.
+    """
+
+    half: float
+    unit: str
+    row: Row | None
+    absence: RowAbsence | None
+
+
+@dataclass(frozen=True)
 class CountedWith:
     """The parameter acts only in combination with others; `names` are those that hold the combination's value."""
 
     names: tuple[str, ...]
 
 
-Unidentified = HardlyKnown | WiderThanValue | NoDependence | RowsAbsent | CountedWith
+Unidentified = HardlyKnown | WiderThanValue | NoDependence | RowsAbsent | SeenAside | CountedWith
 """Reason why a parameter is not identified."""
 
 
@@ -96,6 +113,9 @@ class Estimate:
         return self.why is None
 
 
+WIDE = 0.25
+"""Half of the 95 % interval ÷ value above which a value is not determined [ratio]: of a derived value, and of a
+parameter that rows of the body alone show. Source: a choice; docs/derived.md."""
 _WIDE = 0.5
 """Posterior σ ÷ prior σ from which a parameter is not identified: the runs add next to nothing."""
 
@@ -117,6 +137,7 @@ def estimates(fitted: FittedModel, drawn: Array | None = None, runs: Sequence[Pr
         blocks = 0.5 * np.asarray(np.ptp(np.percentile(drawn, (2.5, 97.5), axis=0), axis=0), float)
     owners = [effect for effect in (*fitted.model.physics, *fitted.model.faults) for _ in effect.parameters]
     physics = len(fitted.physics)
+    aside = any(row.kind == "body" for row in fitted.sigma)
     for i, (parameter, effect) in enumerate(zip(fitted.model.parameters, owners, strict=True)):
         value = float(fitted.theta[i])
         group, why = parameter.name, None
@@ -126,6 +147,9 @@ def estimates(fitted: FittedModel, drawn: Array | None = None, runs: Sequence[Pr
                 why = HardlyKnown(1.96 * float(plain[i]), parameter.unit, shown_by(parameter.name, effect))
             elif 1.96 * sigma[i] > max(abs(value), _natural(fitted, parameter.name)):
                 why = WiderThanValue(1.96 * float(sigma[i]), parameter.unit, shown_by(parameter.name, effect))
+            elif aside and half_sheet[i] > WIDE * max(abs(value), _usual(fitted, parameter.name, runs)):
+                own = [q.name for q in effect.parameters].index(parameter.name)
+                why = SeenAside(float(half_sheet[i]), parameter.unit, *_own_row(runs, effect, own))
         elif i < physics:
             why = _grouped(fitted, i, effect, runs)
         out.append(
@@ -173,6 +197,36 @@ def _rows_absent(runs: Sequence[PreparedRun], effect: Effect) -> RowsAbsent | No
         reasons |= {row: run.measured_rows.left_out.get(row) for row in rows}
     row, absence = next(iter(reasons.items()))
     return RowsAbsent(row, len(reasons) > 1, absence)
+
+
+def _own_row(runs: Sequence[PreparedRun], effect: Effect, parameter: int) -> tuple[Row | None, RowAbsence | None]:
+    """The absent row in which a parameter of an effect acts most, and why it is absent; None where there is no such."""
+    physics, energy = effect.as_physics, dict[Row, float]()
+    if physics is None:
+        return None, None
+    for run in runs:
+        for row, columns in columns_by_row(physics, run.kept_motion).items():
+            energy[row] = energy.get(row, 0.0) + float(np.sum(columns[parameter] ** 2))
+    present = {row for run in runs for row in run.rows}
+    absent = {row: e for row, e in energy.items() if row not in present}
+    if not absent:
+        return None, None
+    row = max(absent, key=lambda one: absent[one])
+    return row, runs[0].measured_rows.left_out.get(row)
+
+
+def _usual(fitted: FittedModel, name: str, runs: Sequence[PreparedRun]) -> float:
+    """Size with which the interval of a parameter is compared where rows of the body show it, if it is smaller itself.
+
+    As `_natural`, with the mass that the fit was given; a static offset's is a tenth of the largest, as groups of them
+    may be differences.
+    """
+    if name.startswith("offset."):
+        offsets = [float(abs(v)) for n, v in zip(fitted.model.names, fitted.theta, strict=True) if n[:7] == name[:7]]
+        return 0.1 * max(offsets)
+    given = runs[0].recording.assumptions.get(SPRUNG_MASS) if runs else None
+    first = name in ("MX6", "MY6", "MZ6") and given is not None
+    return 0.05 * given.value if first and given is not None else _natural(fitted, name)
 
 
 def _natural(fitted: FittedModel, name: str) -> float:

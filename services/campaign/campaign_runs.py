@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.car.rows import Row
+from lacet.identify.car.rows import Row, body_levers
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress
 from lacet.identify.regression.corrected_scores import NoiseMoments
@@ -56,6 +56,11 @@ class CampaignRuns:
     runs: Sequence[RunReference]
     settings: Settings
     removed: Array = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def levers(self) -> Mapping[Row, float]:
+        """Proportions of the residuals of the body's rows, by the car's geometry."""
+        return body_levers(self.settings.car)
 
     def columns(self) -> RunEquations | None:
         """Equations of all runs in every parameter of the physics, without zeros."""

@@ -8,15 +8,18 @@ from lacet.identify.properties.derived import ImpossibleCar, RowMissing
 from lacet.identify.properties.structural_identifiability import Fixed, HeldTogether, JointPosition, RowsNotFormed
 from lacet.identify.regression.identifiability import Combination, Merged, SmallChange, SmallTravel, Undetermined
 from lacet.identify.validation.parameter_estimates import (
+    WIDE,
     CountedWith,
     HardlyKnown,
     NoDependence,
     RowsAbsent,
+    SeenAside,
     Unidentified,
     WiderThanValue,
 )
 from lacet.identify.validation.prediction_uncertainty import OpenParameters
 from lacet.identify.validation.score import Comparison
+from lacet.services.render.row_sources import to_add
 from lacet.services.render.rows import row_absence
 
 _SHOWS = "what shows it: "
@@ -47,6 +50,9 @@ def unidentified(why: Unidentified | None) -> str:
         case RowsAbsent(row, others, absence):
             reason = row_absence(absence) if absence else "no usable sample"
             return f"{row}{' and others' if others else ''} left out: {reason}"
+        case SeenAside(half, unit, row, absence):
+            wide = f"its 95 % interval with sheet (± {half:.3g} {unit}) is wider than {100 * WIDE:.0f} % of it"
+            return wide if row is None else f"{wide}: {row} would show it, and {to_add(row, absence)}"
         case CountedWith(names):
             return f"acts only together with {', '.join(names[:4])}, and is counted there"
 

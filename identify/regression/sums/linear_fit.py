@@ -16,7 +16,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lacet.daq.errors import NotIdentifiable
-from lacet.identify.car.rows import BODY_LEVERS, ROWS, Row
+from lacet.identify.car.rows import ROWS, Row
 from lacet.identify.multibody.base_parameters import BaseParameters, find_base
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, silent
@@ -84,6 +84,11 @@ L_co = TypeVar("L_co", bound=LinearisedRuns, covariant=True)
 
 class RunSums(Protocol[L_co]):
     """Runs, wherever they are, as a fit asks for their sums."""
+
+    @property
+    def levers(self) -> Mapping[Row, float]:
+        """Proportions of the residuals of the body's rows, by the car's geometry (`body_levers`)."""
+        ...
 
     def columns(self) -> RunEquations | None:
         """Equations of all runs in every parameter of the physics, without zeros; None where no run has a row."""
@@ -193,7 +198,7 @@ def solve_linear(
         absent = sorted(runs.absent_channels())
         lacking = "; not measured: " + ", ".join(absent) if absent else ""
         raise NotIdentifiable("no row of the equations is measured in these runs" + lacking)
-    scale = _row_sizes(first, rows)
+    scale = _row_sizes(first, rows, runs.levers)
     base = find_base(
         triangle(*(R[:, :-1] / scale[row] for row, R in first.triangles.items())), [q.name for q in parameters]
     )
@@ -206,7 +211,7 @@ def solve_linear(
     frozen = None if options.weights is None else {row: options.weights.get(row, scale[row]) for row in rows}
 
     def solution(equations: WeightedEquations, begin: Mapping[Row, float]) -> tuple[Array, Mapping[Row, float]]:
-        return (equations.solve(frozen), frozen) if frozen else equations.iterate(begin, least, BODY_LEVERS)
+        return (equations.solve(frozen), frozen) if frozen else equations.iterate(begin, least, runs.levers)
 
     x, begin = solution(Equations([plain], known_beforehand(model, keep, faults=False), rows), scale)
     known = known_beforehand(model, keep)
@@ -240,10 +245,10 @@ def solve_linear(
     return LinearSolution(base, linearised, x, sigma, root, correction, doubt, moments, removed)
 
 
-def _row_sizes(runs: RunEquations, rows: Sequence[Row]) -> dict[Row, float]:
+def _row_sizes(runs: RunEquations, rows: Sequence[Row], levers: Mapping[Row, float]) -> dict[Row, float]:
     """RMS of each row's left side, of the body's rows together: the length of the factor's last column."""
     sizes = {row: float(np.sqrt(float(np.sum(runs.triangles[row][:, -1] ** 2)) / runs.counts[row])) for row in rows}
-    return {row: size or 1.0 for row, size in tied_sizes(sizes, runs.counts, BODY_LEVERS).items()}
+    return {row: size or 1.0 for row, size in tied_sizes(sizes, runs.counts, levers).items()}
 
 
 @dataclass(frozen=True, repr=False)

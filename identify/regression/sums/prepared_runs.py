@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.car.rows import Row
+from lacet.identify.car.rows import Row, body_levers
 from lacet.identify.effects.base import SensorFault
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step
@@ -45,6 +45,11 @@ class PreparedRuns:
     shared: MotionResponses | None = None
     seeds: tuple[int, ...] = ()
     payload: PayloadSpread | None = None
+
+    @property
+    def levers(self) -> Mapping[Row, float]:
+        """Proportions of the residuals of the body's rows, by the car's geometry."""
+        return body_levers(self.runs[0].recording.vehicle)
 
     def columns(self) -> RunEquations | None:
         """Equations of all runs in every parameter of the physics, without zeros; None where no run has a row."""

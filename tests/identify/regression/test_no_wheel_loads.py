@@ -14,7 +14,7 @@ from lacet.daq.channels import CORNERS
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import build_motion
-from lacet.identify.car.rows import BODY_ROWS, CHASSIS_ROWS, SUSPENSION_ROWS, Absence
+from lacet.identify.car.rows import BODY_ROWS, CHASSIS_ROWS, SUSPENSION_ROWS, Absence, body_levers
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.multibody.vectors import cross
 from lacet.identify.properties.derived import derived_values
@@ -28,9 +28,10 @@ from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.validation.channels.fault_columns import FaultColumns
 from lacet.identify.validation.channels.single_faults import column_faults
 from lacet.identify.validation.noise_floor import floor_of
-from lacet.identify.validation.parameter_estimates import estimates
+from lacet.identify.validation.parameter_estimates import SeenAside, estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.row_sources import RowKind, row_sources
+from lacet.services.render.identifiability import unidentified
 from lacet.services.render.row_sources import no_rows, to_add
 from tests.identify import cars
 from tests.identify.regression.test_fewer_instruments import expected, standing
@@ -122,11 +123,38 @@ def test_horizontal_forces_in_the_contact_patches_cancel() -> None:
         np.testing.assert_allclose(replace(motion, corners=pushed).measured(row), motion.measured(row), atol=1e-8)
 
 
+def test_the_body_s_rows_weigh_by_the_car_s_levers() -> None:
+    """σ of the rows are in the proportions of the car's own tracks and wheelbase."""
+    levers = body_levers(CAR)
+    front, rear = CAR.corners["fl"].position, CAR.corners["rl"].position
+    assert levers[BODY_ROWS[1]] == pytest.approx(np.hypot(front[1], rear[1]) / np.sqrt(2.0))
+    assert levers[BODY_ROWS[2]] == pytest.approx(abs(rear[0]) / np.sqrt(2.0))
+    sigma = found().sigma
+    for row in BODY_ROWS:
+        assert sigma[row] / sigma[BODY_ROWS[0]] == pytest.approx(levers[row], rel=1e-6), row
+
+
+def test_what_the_body_s_rows_show_aside_is_refused() -> None:
+    """Yaw inertia acts by gyroscopic products alone: refused with its own row and what that needs.
+
+    All that is identified is known to a quarter, with sheet.
+    """
+    every = {e.name: e for e in estimates(found(), None, found().runs)}
+    why = every["ZZ6"].why
+    assert isinstance(why, SeenAside)
+    assert why.row == "chassis.mz"
+    assert "wheel.*.force" in unidentified(why)
+    for name in ("spring.fl.k", "damper.rr.c", "MX6", "XX6", "YY6"):
+        assert every[name].identifiable
+        assert every[name].half_sheet < 0.25 * abs(every[name].value), name
+
+
 @pytest.mark.parametrize(("law", "axle"), [("spring_cubic", "front"), ("coulomb", "rear"), ("damper_knee", "front")])
 def test_a_law_of_an_axle_is_the_sum_of_its_wheels(law: str, axle: str) -> None:
     """Both wheels act on the same rows of the body."""
     known, run = catalogue(with_mass(), "contact"), found().runs[2]
-    whole, left, right = (run.columns(known[f"{law}.{place}"]) for place in (axle, f"{axle[0]}l", f"{axle[0]}r"))
+    each = [known[f"{law}.{place}"].as_physics for place in (axle, f"{axle[0]}l", f"{axle[0]}r")]
+    whole, left, right = (run.columns(one) for one in each if one is not None)
     assert np.any(left[BODY_ROWS[1]])
     for row in BODY_ROWS:
         np.testing.assert_allclose(whole[row], left[row] + right[row], atol=1e-9 * np.max(np.abs(left[row])))
