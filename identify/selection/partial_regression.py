@@ -137,7 +137,9 @@ class PartialRegression:
 
     def noisy_part(self, place: slice) -> float:
         """Largest share of noise in the energy of a direction of the reduced columns at `place`."""
-        return _largest_share(self.noise[place, place], self.reduced_noisy[place, place])
+        root = np.linalg.cholesky(self.reduced_noisy[place, place])
+        half = np.linalg.solve(root, self.noise[place, place])
+        return float(np.linalg.eigvalsh(np.linalg.solve(root, half.T))[-1])
 
     def own_noisy_part(self, place: slice) -> float:
         """The same of the noise in the columns themselves, without what the nuisance columns bring into the remainders.
@@ -145,8 +147,13 @@ class PartialRegression:
         The latter does not hide what an effect would do: it is the noise that the equations have at the parameters of
         a model with the effect.
         """
-        sound, own = self.reduced[place, place], self.column_noise[place, place]
-        return 1.0 if np.any(np.linalg.eigvalsh(sound) <= 0.0) else _largest_share(own, sound + own)
+        scale = np.sqrt(np.diag(self.reduced_noisy)[place])
+        sound, own = (one[place, place] / np.outer(scale, scale) for one in (self.reduced, self.column_noise))
+        if np.linalg.eigvalsh(sound)[0] <= SELECTION.shared_eigenvalue:
+            return 1.0
+        # The noise is an estimate from draws, and of a direction it may be less than nothing.
+        ratio = max(0.0, float(scipy.linalg.eigvalsh(own, sound)[-1]))
+        return ratio / (1.0 + ratio)
 
     def coefficients(self, places: Array) -> Array:
         """(w, k) coefficients for `CrossProducts.series` of combinations `places` (w, k), less their regression."""
@@ -251,13 +258,6 @@ def _add_by_number(sums: Array, number: NDArray[np.intp], values: Array) -> None
     """Add values (n, k) to the `sums` (b, k) of their blocks, whose numbers (n,) do not fall from sample to sample."""
     begins = np.flatnonzero(np.diff(number, prepend=-1))
     sums[number[begins]] += np.add.reduceat(values, begins, axis=0)
-
-
-def _largest_share(noise: Array, whole: Array) -> float:
-    """Largest share of `noise` (k, k) in the energy `whole` (k, k) of a direction."""
-    root = np.linalg.cholesky(whole)
-    half = np.linalg.solve(root, noise)
-    return float(np.linalg.eigvalsh(np.linalg.solve(root, half.T))[-1])
 
 
 def _bounded(noise: Array, total: Array, nuisance: NDArray[np.intp], prior: Array) -> Array:
