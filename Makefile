@@ -19,7 +19,7 @@ endif
 # would spend seconds on compiling NumPy, SciPy and lacet anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help demo test lint format lock schema test-slow fuzz test-vcan benchmark first-work captures seeds coverage fewer blind fresh laws campaign catalogue reference notebook clean moved
+.PHONY: help demo test lint format lock schema test-slow fuzz test-vcan benchmark first-work captures seeds coverage fewer blind fresh second-car laws campaign catalogue reference notebook clean moved
 
 help:
 	@echo 'make demo          the whole chain on committed captures, in 3 minutes (5 with the packages)'
@@ -37,6 +37,7 @@ help:
 	@echo 'make fewer         the table of docs/fewer-instruments.md anew: rigs that measure less, assumptions wrong on purpose (hours; goes on where it was cut off)'
 	@echo 'make blind         docs/benchmarks/blind.md anew: effects hidden and found, or not (hours; goes on where it was cut off)   (PROCESSES=4: four at a time, 3 GB each)'
 	@echo 'make fresh         docs/benchmarks/fresh.md anew: fresh cars with up to eight effects at once (a day; goes on where it was cut off)   (ARGS="--set test")'
+	@echo 'make second-car    the tables of docs/second-car.md anew: fits of the car on linkages (20 minutes; ARGS="--only terms")'
 	@echo 'make laws          docs/benchmarks/laws.md anew: laws nobody listed, hidden and found (half an hour)   (ARGS="--set test")'
 	@echo 'make campaign      docs/benchmarks/campaign.md anew: 1, 10, 100 and 1,000 runs on two workers (half an hour)'
 	@echo 'make catalogue     docs/catalogue.md and its pictures anew'
@@ -78,7 +79,7 @@ test-vcan: .venv/.dev
 
 # -P: benchmarks/coverage.py is not the package of that name, which Numba looks for.
 benchmark: .venv/.dev
-	@for file in $(filter-out %_seeds.py %/coverage.py %/campaign.py %/forces.py,$(wildcard benchmarks/*.py)); do echo "== $$file"; $(PY) -P "$$file" || exit 1; done
+	@for file in $(filter-out %_seeds.py %/coverage.py %/campaign.py %/forces.py %/second_car.py,$(wildcard benchmarks/*.py)); do echo "== $$file"; $(PY) -P "$$file" || exit 1; done
 	@$(PY) -m benchmarks.workbench_draw
 
 first-work: .venv/.dev
@@ -103,6 +104,9 @@ blind: .venv/.dev
 
 fresh: .venv/.dev
 	@$(PY) -m benchmarks.fresh --trials $(or $(TRIALS),540) --processes $(or $(PROCESSES),2) $(ARGS)
+
+second-car: .venv/.dev
+	@$(PY) -P benchmarks/second_car.py --folder .second-car $(ARGS)
 
 laws: .venv/.dev
 	@$(PY) -m benchmarks.laws $(ARGS)
