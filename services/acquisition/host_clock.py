@@ -114,7 +114,7 @@ def _kernel() -> str:
     buffer = ctypes.create_string_buffer(_TIMEX + 48)
     try:
         state = ctypes.CDLL(None, use_errno=True).adjtimex(buffer)
-    except (OSError, AttributeError):
+    except (OSError, AttributeError, TypeError):  # a system without it, or without a program's own library (Windows)
         state = -1
     if state < 0 or struct.calcsize("l") != 8:
         return "unknown: the system does not say"

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import os
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
+
+from lacet.services.acquisition.system_calls import force, lock
 
 SYNC_SECONDS = 0.2
 """Period of forced writes [s]: with a chunk of 0.1 s a power cut loses about 0.3 s on a medium that keeps up."""
@@ -39,7 +39,7 @@ class LogMedium:
     def __init__(
         self,
         path: Path,
-        sync: Callable[[int], None] = os.fdatasync,
+        sync: Callable[[int], None] = force,
         clock: Callable[[], float] = time.monotonic,
     ):
         self.path = path
@@ -51,8 +51,7 @@ class LogMedium:
         """Longest time from one forced write's begin to the end of the next: what a power cut could have lost [s]."""
         self._sync, self._clock = sync, clock
         self._fd = os.open(path, os.O_RDONLY)
-        with contextlib.suppress(OSError):  # others see that it is being recorded; some file systems have no locks
-            fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock(self._fd)  # others see that it is being recorded
         self._begun: float | None = None
         self._stall_said = False
         self._stop = threading.Event()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from lacet.daq.errors import LacetError
 from lacet.daq.formats.log import LogReader, LogWriter, StartRecord
 from lacet.daq.formats.run_files import BROKE_OFF, PART, files_of_run, next_path, part_of
 from lacet.daq.formats.wire import Manifest
+from lacet.services.acquisition.system_calls import is_locked
 
 RESUME_SECONDS = 120.0
 """Longest pause over which a recording goes on as the same run [s]: a computer in the car is up again within it after a
@@ -77,14 +77,9 @@ def is_being_recorded(log: Path) -> bool:
     """Whether a recorder has the log open, on this machine."""
     descriptor = os.open(log, os.O_RDONLY)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:  # a file system without locks
-        return False
+        return is_locked(descriptor)
     finally:
         os.close(descriptor)
-    return False
 
 
 def _newest(folder: Path) -> Path | None:

@@ -25,7 +25,12 @@ def marks_by_key(mark: Callable[[str], object], descriptor: int | None = None) -
     """
     with suppress(OSError, ValueError):  # closed, or none
         descriptor = sys.stdin.fileno() if descriptor is None else descriptor
-    if descriptor is None or not os.isatty(descriptor) or threading.current_thread() is not threading.main_thread():
+    if (
+        not hasattr(signal, "SIGTTIN")
+        or descriptor is None
+        or not os.isatty(descriptor)
+        or threading.current_thread() is not threading.main_thread()
+    ):
         yield False
         return
     # A read from the background would stop the whole recording; so it fails instead, and nothing is read.

@@ -34,6 +34,7 @@ from lacet.services.acquisition.recorder import Recorder, Summary
 from lacet.services.acquisition.resume import broken_run
 from lacet.services.acquisition.run_log import Split
 from lacet.services.acquisition.stream_decoder import Decoder
+from lacet.services.acquisition.system_calls import require_linux
 from lacet.services.acquisition.transports.base import Receiver
 from lacet.services.acquisition.transports.endpoints import (
     default_endpoint,
@@ -118,6 +119,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Record. Returns 0, or 3 when anything was lost."""
+    require_linux("recordings")
     rig = Rig.load(args.rig)
     vehicle = Vehicle.load(args.vehicle)
     split = Split.parse(args.split) if args.split else None

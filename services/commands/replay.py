@@ -18,6 +18,7 @@ from lacet.daq.rig import Rig
 from lacet.daq.sources.bus_log import KINDS, is_raw_log, read_bus_log
 from lacet.services.acquisition.other_logs import OPTION, frames_for
 from lacet.services.acquisition.player import Progress, replay
+from lacet.services.acquisition.system_calls import require_linux
 from lacet.services.acquisition.transports.base import Sender
 from lacet.services.acquisition.transports.endpoints import (
     default_endpoint,
@@ -90,6 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay. Returns 0 when every frame was sent, 3 when some were not or it was stopped."""
+    require_linux("replays")
     speed = _speed(args.speed)
     if args.wait and args.endpoints is None:
         raise UsageError("--wait waits for a recorder that was given the same --endpoints FILE: give that as well")

@@ -7,6 +7,7 @@ import filecmp
 import json
 import os
 import secrets
+import shutil
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
@@ -120,8 +121,7 @@ def write(file: Any, data: bytes) -> None:
 
 def free(folder: Path) -> int:
     """Free space on the disk of a folder [bytes]."""
-    found = os.statvfs(folder)
-    return found.f_bavail * found.f_frsize
+    return shutil.disk_usage(folder).free
 
 
 def _placed(cache: SessionCache, part: Path, target: Path) -> dict[str, Any]:

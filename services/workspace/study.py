@@ -312,5 +312,11 @@ def _write(file: Path, body: Mapping[str, Any]) -> None:
 
 
 def _relative(path: Path, folder: Path) -> str:
-    """A path relative to the folder, so that folder and runs can be moved together."""
-    return os.path.relpath(path.resolve(), folder.resolve())
+    """A path relative to the folder, so that folder and runs can be moved together, to another system as well.
+
+    Absolute where there is no way from one to the other: on two drives of Windows.
+    """
+    try:
+        return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+    except ValueError:
+        return path.resolve().as_posix()

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
+import select
 import struct
 import time
-import tty
 from collections import Counter
 from pathlib import Path
-from select import POLLHUP, POLLOUT, poll
 
 import serial
 
 from lacet.daq.frames import Frame, Frames
+from lacet.services.acquisition.system_calls import poller
 
 _TIOCGICOUNT = 0x545D  # linux: struct serial_icounter_struct, 20 ints
 _COUNTERS = {"framing": 6, "overrun": 7, "parity": 8, "buffer_overrun": 10}  # indices in it
@@ -84,8 +83,10 @@ class SerialReceiver:
 def _counters(fd: int | None) -> dict[str, int]:
     """The kernel's error counters of a serial line; empty where the device has none (pseudo-terminals)."""
     try:
+        import fcntl  # Linux and macOS have it
+
         words = struct.unpack("@20i", fcntl.ioctl(fd, _TIOCGICOUNT, bytes(80)))  # type: ignore[arg-type]
-    except (OSError, TypeError):
+    except (ImportError, OSError, TypeError):
         return {}
     return {cause: words[place] for cause, place in _COUNTERS.items()}
 
@@ -147,10 +148,12 @@ class PtySender:
         self.endpoint = "pty"
         self._link = Path(link) if link else None
         self._master = -1
-        self._poll = poll()
+        self._poll = poller()
 
     def open(self) -> None:
         """Create the pseudo-terminal and the link."""
+        import tty  # Linux and macOS have it
+
         master, slave = os.openpty()
         tty.setraw(slave)
         self.device = os.ttyname(slave)
@@ -161,14 +164,14 @@ class PtySender:
                 self._link.unlink()
             self._link.symlink_to(self.device)
         self._master = master
-        self._poll = poll()
-        self._poll.register(master, POLLOUT)
+        self._poll = poller()
+        self._poll.register(master, select.POLLOUT)
         self.endpoint = f"serial:{self._link or self.device}"
 
     @property
     def has_reader(self) -> bool:
         """Whether a process has the other end open."""
-        return not any(events & POLLHUP for _, events in self._poll.poll(0))
+        return not any(events & select.POLLHUP for _, events in self._poll.poll(0))
 
     def send(self, frames: Frames) -> None:
         """Send the bytes, waiting up to a second for a slow reader."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 import socket
 import struct
 import time
@@ -9,10 +10,10 @@ from collections import Counter
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from select import POLLIN, poll
 from typing import Protocol
 
 from lacet.daq.frames import Frames
+from lacet.services.acquisition.system_calls import poller
 
 SO_TIMESTAMPNS = 35  # linux/socket.h; the kernel's receipt stamp as a struct timespec
 SO_RCVBUFFORCE = 33  # as SO_RCVBUF, not clipped by net.core.rmem_max; needs CAP_NET_ADMIN
@@ -115,7 +116,7 @@ class SocketReceiver:
         self._unpack = unpack
         self._others = others or Uncounted()
         self._socket: socket.socket | None = None
-        self._poll = poll()
+        self._poll = poller()
         self._losses: Counter[str] = Counter()
         self._failed: OSError | None = None
 
@@ -136,8 +137,8 @@ class SocketReceiver:
             sock.close()
             raise
         self._socket, self._failed = sock, None
-        self._poll = poll()
-        self._poll.register(sock, POLLIN)
+        self._poll = poller()
+        self._poll.register(sock, select.POLLIN)
 
     def read(self, timeout: float) -> Frames:
         """Frames received, waiting up to `timeout` [s]. Raises OSError when the link is down."""

@@ -1,0 +1,60 @@
+"""Calls that only some systems have, behind names that all can import: locks, forced writes, polls, Linux' wires."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from lacet.daq.errors import UsageError
+
+SYSTEM = sys.platform
+"""The system, as Python names it."""
+
+force: Callable[[int], None] = getattr(os, "fdatasync", os.fsync)
+"""Force what is written to a file to the medium, by descriptor."""
+
+
+def lock(descriptor: int) -> None:
+    """Lock a file for as long as it is open, if the system and the file system have locks; others see `is_locked`."""
+    with suppress(ImportError, OSError):
+        import fcntl
+
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def is_locked(descriptor: int) -> bool:
+    """Whether another has locked a file; False where there are no locks."""
+    try:
+        import fcntl
+
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except (ImportError, OSError):
+        return False
+    return False
+
+
+def poller() -> Any:
+    """A poll object of the system. Raises UsageError where there is none (Windows)."""
+    if not hasattr(select, "poll"):
+        raise linux_only("wires")
+    return select.poll()
+
+
+def require_linux(what: str) -> None:
+    """Raise UsageError on a system that is not Linux; `what` : what is asked for, a plural."""
+    if not SYSTEM.startswith("linux"):
+        raise linux_only(what)
+
+
+def linux_only(what: str) -> UsageError:
+    """The error of what only Linux can do."""
+    return UsageError(
+        f"{what} need Linux: SocketCAN, stamps and loss counts of the kernel. Logs made there are decoded, identified "
+        "and diagnosed on this system"
+    )
