@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lacet.daq.channels import CORNERS
+from lacet.identify.car.car_tree import AXLE, WHEEL
 from lacet.identify.car.rows import SPRUNG_MASS, Row, RowAbsence
 from lacet.identify.effects.base import Effect, columns_by_row
 from lacet.identify.multibody.vectors import Array
@@ -75,13 +77,20 @@ class SeenAside:
 
 
 @dataclass(frozen=True)
+class GivenBeforehand:
+    """The parameter is a mass that the vehicle file gives, as `assumption`: no wheel load is measured."""
+
+    assumption: str
+
+
+@dataclass(frozen=True)
 class CountedWith:
     """The parameter acts only in combination with others; `names` are those that hold the combination's value."""
 
     names: tuple[str, ...]
 
 
-Unidentified = HardlyKnown | WiderThanValue | NoDependence | RowsAbsent | SeenAside | CountedWith
+Unidentified = HardlyKnown | WiderThanValue | NoDependence | RowsAbsent | SeenAside | GivenBeforehand | CountedWith
 """Reason why a parameter is not identified."""
 
 
@@ -177,11 +186,23 @@ def shown_by(name: str, effect: Effect) -> str:
 def _grouped(fitted: FittedModel, i: int, effect: Effect, runs: Sequence[PreparedRun]) -> Unidentified:
     """Reason why a parameter of a group has no value of its own."""
     name = fitted.model.names[i]
+    if i in fitted.base.absent and (given := _given(name, runs)):
+        return GivenBeforehand(given)
     if i in fitted.base.absent:
         return _rows_absent(runs, effect) or NoDependence(shown_by(name, effect))
     column = int(np.flatnonzero(fitted.base.dependent == i)[0])
     holders = [fitted.model.names[int(k)] for k in fitted.base.independent[fitted.base.relations[:, column] != 0.0]]
     return CountedWith(tuple(holders))
+
+
+def _given(name: str, runs: Sequence[PreparedRun]) -> str:
+    """Assumption that stands for a mass where no wheel load is measured; empty for other parameters and runs."""
+    if not runs or SPRUNG_MASS not in runs[0].recording.assumptions:
+        return ""
+    masses, vehicle = {"M6": SPRUNG_MASS}, runs[0].recording.vehicle
+    for c in CORNERS:
+        masses |= dict.fromkeys((f"M{AXLE[c]}", f"M{WHEEL[c]}"), vehicle.assumption("unsprung_mass", c).name)
+    return masses.get(name, "")
 
 
 def _rows_absent(runs: Sequence[PreparedRun], effect: Effect) -> RowsAbsent | None:

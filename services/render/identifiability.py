@@ -10,6 +10,7 @@ from lacet.identify.regression.identifiability import Combination, Merged, Small
 from lacet.identify.validation.parameter_estimates import (
     WIDE,
     CountedWith,
+    GivenBeforehand,
     HardlyKnown,
     NoDependence,
     RowsAbsent,
@@ -53,6 +54,8 @@ def unidentified(why: Unidentified | None) -> str:
         case SeenAside(half, unit, row, absence):
             wide = f"its 95 % interval with sheet (± {half:.3g} {unit}) is wider than {100 * WIDE:.0f} % of it"
             return wide if row is None else f"{wide}: {row} would show it, and {to_add(row, absence)}"
+        case GivenBeforehand(assumption):
+            return f"given as {assumption} in [assumed]: no wheel load is measured"
         case CountedWith(names):
             return f"acts only together with {', '.join(names[:4])}, and is counted there"
 

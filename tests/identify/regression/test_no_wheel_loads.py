@@ -144,6 +144,8 @@ def test_what_the_body_s_rows_show_aside_is_refused() -> None:
     assert isinstance(why, SeenAside)
     assert why.row == "chassis.mz"
     assert "wheel.*.force" in unidentified(why)
+    assert "sprung_mass" in unidentified(every["M6"].why)
+    assert "unsprung_mass.rear" in unidentified(every["M11"].why)
     for name in ("spring.fl.k", "damper.rr.c", "MX6", "XX6", "YY6"):
         assert every[name].identifiable
         assert every[name].half_sheet < 0.25 * abs(every[name].value), name
