@@ -19,7 +19,7 @@ endif
 # would spend seconds on compiling NumPy, SciPy and lacet anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help demo test lint format lock schema test-slow fuzz test-vcan benchmark first-work captures seeds coverage fewer blind fresh second-car laws campaign catalogue reference notebook clean moved
+.PHONY: help demo test lint format lock schema test-slow fuzz test-vcan benchmark first-work captures seeds coverage fewer no-loads blind fresh second-car laws campaign catalogue reference notebook clean moved
 
 help:
 	@echo 'make demo          the whole chain on committed captures, in 3 minutes (5 with the packages)'
@@ -34,6 +34,7 @@ help:
 	@echo 'make captures      replay_logs/ anew from the simulator'
 	@echo 'make seeds         docs/benchmarks/ anew: what is proposed with nothing hidden, 20 seeds (15 minutes)'
 	@echo 'make coverage      docs/benchmarks/coverage.md anew: do the intervals hold the truth, 3,000 campaigns (15 minutes)'
+	@echo 'make no-loads      the table of the rig without wheel loads anew, in the same page: what is hidden and named (half an hour)'
 	@echo 'make fewer         the table of docs/fewer-instruments.md anew: rigs that measure less, assumptions wrong on purpose (hours; goes on where it was cut off)'
 	@echo 'make blind         docs/benchmarks/blind.md anew: effects hidden and found, or not (hours; goes on where it was cut off)   (PROCESSES=4: four at a time, 3 GB each)'
 	@echo 'make fresh         docs/benchmarks/fresh.md anew: fresh cars with up to eight effects at once (a day; goes on where it was cut off)   (ARGS="--set test")'
@@ -79,7 +80,7 @@ test-vcan: .venv/.dev
 
 # -P: benchmarks/coverage.py is not the package of that name, which Numba looks for.
 benchmark: .venv/.dev
-	@for file in $(filter-out %_seeds.py %/coverage.py %/campaign.py %/forces.py %/second_car.py,$(wildcard benchmarks/*.py)); do echo "== $$file"; $(PY) -P "$$file" || exit 1; done
+	@for file in $(filter-out %_seeds.py %/coverage.py %/campaign.py %/forces.py %/second_car.py %/fewer_instruments.py %/no_wheel_loads.py,$(wildcard benchmarks/*.py)); do echo "== $$file"; $(PY) -P "$$file" || exit 1; done
 	@$(PY) -m benchmarks.workbench_draw
 
 first-work: .venv/.dev
@@ -94,6 +95,9 @@ seeds: .venv/.dev
 
 fewer: .venv/.dev
 	@$(PY) -m benchmarks.fewer_instruments $(ARGS)
+
+no-loads: .venv/.dev
+	@$(PY) -m benchmarks.no_wheel_loads $(ARGS)
 
 coverage: .venv/.dev
 	@$(PY) benchmarks/coverage.py
