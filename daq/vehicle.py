@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from lacet.daq.assumptions import Assumption, assumption_of, read_assumptions
 from lacet.daq.channels import CORNERS
 from lacet.daq.errors import VehicleError, nearest
+from lacet.daq.joint_tables import JointTables, read_joints
 from lacet.daq.shipped import find_shipped
 from lacet.daq.toml_reader import Quantity, Reader
 from lacet.daq.units import is_unit, read_unit
@@ -63,7 +64,8 @@ class Corner:
 
     `position` is the wheel centre [m], setback included; `height` that of the wheel centre above a flat road [m];
     `tyre_radius` the unloaded radius R0 [m]; `caster` (top rearward) and `kingpin_inclination` (top inward) the
-    steering axis [rad]; `static_toe` the toe-in and `static_camber` the camber, top outward positive [rad].
+    steering axis [rad]; `static_toe` the toe-in and `static_camber` the camber, top outward positive [rad]; `joints`
+    the bench tables by own travel, the other wheel's and the rack.
     """
 
     name: str
@@ -77,6 +79,7 @@ class Corner:
     brakes: str
     table: KinematicTable | None
     static_camber: float = 0.0
+    joints: JointTables | None = None
 
     @property
     def side(self) -> int:
@@ -162,7 +165,7 @@ class Vehicle:
 
 _CORNER_KEYS = (
     "track", "wheel_centre_height", "tyre_radius", "caster", "kingpin_inclination", "driven", "brakes", "kinematics",
-    "static_camber", "static_toe", "setback",
+    "static_camber", "static_toe", "setback", "joints",
 )  # fmt: skip
 
 
@@ -224,6 +227,7 @@ def _corner(
         brakes=reader.choice(rows, "brakes", place, ("outboard", "inboard"), "outboard"),
         table=_table(reader, reader.table(rows, "kinematics", place), f"{place}.kinematics"),
         static_camber=static_camber,
+        joints=read_joints(reader, reader.table(rows, "joints", place), f"{place}.joints"),
     )
 
 

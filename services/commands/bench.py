@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 
+from lacet.daq.bench_readings import joint_tables, read_bench
 from lacet.daq.errors import UsageError, nearest
 from lacet.daq.formats.result import DONE, write_result
+from lacet.daq.joint_tables import CURVES, JOINTS, joints_text
 from lacet.simulate.linkage import SECOND_CARS, SecondCar
 from lacet.simulate.linkage.bench import Bench, bench_tests, find_test
 from lacet.simulate.linkage.mechanism import Mechanism
 
-HELP = "put a simulated car on a virtual kinematics and compliance (K&C) bench"
+HELP = "a simulated car on a virtual kinematics and compliance (K&C) bench, or the tables of a real one"
 DESCRIPTION = f"""\
 Clamp the body of a car on linkages at its design height, move and load its wheels through the tests of a K&C bench, and
 write what such rigs deliver: one CSV a test, and a picture of them all. Columns, units and signs: docs/bench.md.
@@ -20,24 +23,37 @@ write what such rigs deliver: one CSV a test, and a picture of them all. Columns
   lacet bench --car second-live-axle --test bump --test roll -o bench
   lacet bench --car second --noise 1 --seed 3 -o bench             with the repeatability of a usual rig
 
+With TABLES, those of any bench are read instead (names by --map), checked for units, signs and sides, and joint tables
+are made of them: [corner.….joints] of a vehicle file, against own travel, the other wheel's travel and the rack.
+
+  lacet bench left.csv right.csv steer.csv grid.csv --map rig.map.toml -o joints.toml
+
 Tests: {", ".join(bench_tests())}.
 Cars: {", ".join(SECOND_CARS)}."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
+    parser.add_argument("tables", nargs="*", type=Path, metavar="TABLES", help="text tables of a bench")
+    parser.add_argument("--map", type=Path, metavar="MAP", help="which of their columns is which (docs/bench.md)")
     parser.add_argument("--car", default="second", metavar="CAR", help="simulated car on linkages (default second)")
     parser.add_argument("--test", action="append", metavar="NAME", help="a test; again for more (default: all)")
     parser.add_argument(
         "--noise", type=float, default=0.0, metavar="FACTOR", help="repeatability of a usual rig × FACTOR"
     )
     parser.add_argument("--seed", type=int, default=0, help="of the noise (default 0)")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the tables")
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="PLACE", help="folder, or with TABLES the file, to write"
+    )
     parser.add_argument("--force", action="store_true", help="replace tables of the same name")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the tests. Returns 0 when every table is written."""
+    """Run the tests, or read tables. Returns 0 when all is written."""
+    if args.tables:
+        return _read(args)
+    if args.map is not None:
+        raise UsageError("--map goes with the tables of a bench: name them")
     # Only here: matplotlib takes half a second to load.
     from lacet.services.render.figures.bench_plots import bench_picture
 
@@ -70,3 +86,25 @@ def run(args: argparse.Namespace) -> int:
     ]
     write_result(args.json, "bench", {"car": args.car, "tables": written, "picture": str(picture)})
     return DONE
+
+
+def _read(args: argparse.Namespace) -> int:
+    """Joint tables of the tables given."""
+    if args.output.exists() and not args.force:
+        raise UsageError(f"{args.output}: already there; give another name, or --force to replace")
+    joints = joint_tables(read_bench(args.tables, args.map))
+    args.output.write_text(
+        joints_text(joints, f"bench: {', '.join(file.name for file in args.tables)}"), encoding="utf-8"
+    )
+    for corner, table in joints.items():
+        curves = [name for name in CURVES if getattr(table, name) is not None]
+        error = ", ".join(f"{joint} {_shown(value, JOINTS[joint])}" for joint, value in table.mixed.items())
+        print(f"{corner}: against {', '.join(curves)}; largest error of mixed terms: {error or 'not measured'}")
+    print(f"{args.output}: joints of the corners, for the vehicle file")
+    mixed = {corner: dict(table.mixed) for corner, table in joints.items()}
+    write_result(args.json, "bench", {"joints": str(args.output), "mixed": mixed})
+    return DONE
+
+
+def _shown(value: float, unit: str) -> str:
+    return f"{1e3 * value:.2f} mm" if unit == "m" else f"{math.degrees(value):.3f}°"

@@ -103,7 +103,8 @@ def bench_tests() -> dict[str, BenchTest]:
     made = [
         BenchTest("bump", "both wheels of an axle together", tuple(_travels(both, travel))),
         BenchTest("roll", "the wheels of an axle in opposite directions", tuple(_travels(apart, 0.8 * travel))),
-        BenchTest("single", "the left wheels, the right ones held", tuple(_travels((1.0, 0.0, 1.0, 0.0), travel))),
+        BenchTest("single-left", "the left wheels, the right ones held", tuple(_travels((1, 0, 1, 0), travel))),
+        BenchTest("single-right", "the right wheels, the left ones held", tuple(_travels((0, 1, 0, 1), travel))),
         BenchTest("grid", "each wheel at every travel of the other one", tuple(own_and_other)),
         BenchTest("steer", "the rack, at three travels", tuple(rack)),
         BenchTest("lateral", "all wheels loaded to the left", tuple(loaded(1, force, both))),

@@ -16,7 +16,8 @@ Columns = Mapping[str, NDArray[np.float64]]
 DRIVES = {
     "bump": ("travel.fl", "travel [mm]"),
     "roll": ("travel.fl", "travel of the left wheel [mm]"),
-    "single": ("travel.fl", "travel of the left wheel [mm]"),
+    "single-left": ("travel.fl", "travel of the left wheel [mm]"),
+    "single-right": ("travel.fr", "travel of the right wheel [mm]"),
     "steer": ("rack", "rack [mm]"),
     "lateral": ("fy.fl", "force to the left [N]"),
     "lateral-opposed": ("fy.fl", "force outwards [N]"),

@@ -266,10 +266,10 @@ def test_a_car_on_linkages_writes_what_identify_reads_and_keeps_its_truth_apart(
 
 def test_the_bench_writes_a_table_a_test_and_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, result = tmp_path / "bench", tmp_path / "result.json"
-    words = ["bench", "--car", "second", "--test", "single", "--test", "aligning", "-o", out]
+    words = ["bench", "--car", "second", "--test", "single-left", "--test", "aligning", "-o", out]
     assert lacet(*words, "--json", result) == 0
-    assert sorted(file.name for file in out.iterdir()) == ["aligning.csv", "bench.png", "single.csv"]
-    head, *rows = (out / "single.csv").read_text(encoding="utf-8").splitlines()
+    assert sorted(file.name for file in out.iterdir()) == ["aligning.csv", "bench.png", "single-left.csv"]
+    head, *rows = (out / "single-left.csv").read_text(encoding="utf-8").splitlines()
     assert len(head.split(",")) == len(rows[0].split(","))
     assert [one["steps"] for one in json.loads(result.read_text(encoding="utf-8"))["tables"]] == [len(rows), 7]
     assert (out / "bench.png").read_bytes().startswith(b"\x89PNG")
@@ -277,3 +277,10 @@ def test_the_bench_writes_a_table_a_test_and_a_picture(tmp_path: Path, capsys: p
     assert "already there" in capsys.readouterr().err
     assert lacet("bench", "--car", "seconds", "-o", tmp_path / "other") == 2
     assert "did you mean 'second'" in capsys.readouterr().err
+    tests = ("single-left", "single-right", "steer")
+    words = [word for name in tests for word in ("--test", name)]
+    assert lacet("bench", "--car", "second", *words, "-o", tmp_path / "own") == 0
+    joints = tmp_path / "joints.toml"
+    assert lacet("bench", *(tmp_path / "own" / f"{name}.csv" for name in tests), "-o", joints) == 0
+    assert "fl: against own, other, rack" in capsys.readouterr().out
+    assert "[corner.rr.joints.other]" in joints.read_text(encoding="utf-8")

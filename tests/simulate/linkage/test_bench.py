@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from lacet.daq.bench_readings import joint_tables, read_bench
 from lacet.daq.errors import UsageError
+from lacet.daq.joint_tables import JOINTS
 from lacet.daq.vehicle import Vehicle
-from lacet.simulate.linkage.bench import COLUMNS, NOISE, Bench, BenchTest, bench_tests, find_test
+from lacet.simulate.linkage.bench import COLUMNS, NOISE, Bench, BenchTest, bench_tests, find_test, toe_camber_spin
 from lacet.simulate.linkage.cars import SecondCar
 from lacet.simulate.linkage.truth import values_at
 from lacet.simulate.vehicle_file import vehicle_text
@@ -66,7 +70,7 @@ def test_steering_to_the_left_toes_the_left_wheel_out_and_the_right_one_in() -> 
 def test_the_other_wheel_moves_a_wheel_of_twist_beam_and_live_axle_and_none_of_the_wishbones() -> None:
     moved = {}
     for name in ("second", "second-live-axle"):
-        columns = Bench(mechanism(name)).run(short("single")).columns
+        columns = Bench(mechanism(name)).run(short("single-left")).columns
         moved[name] = {c: np.ptp(columns[f"camber.{c}"]) for c in ("fr", "rr")}
         assert moved[name]["rr"] > 20 * moved[name]["fr"]
     assert moved["second-live-axle"]["rr"] > 2.0  # degrees: a rigid axle
@@ -104,3 +108,42 @@ def test_an_unknown_test_is_refused_with_the_list() -> None:
     with pytest.raises(UsageError, match="bump"):
         find_test("bumb")
     assert "grid" in bench_tests()
+
+
+@pytest.mark.parametrize(
+    ("name", "tests"),
+    [
+        ("second-live-axle", ("single-left", "single-right", "grid")),
+        pytest.param("second", ("single-left", "single-right", "grid", "steer"), marks=pytest.mark.slow),
+    ],
+)
+def test_joint_tables_of_the_bench_are_the_mechanism_within_the_error_they_state(
+    tmp_path: Path, name: str, tests: tuple[str, ...]
+) -> None:
+    bench, files = Bench(mechanism(name)), []
+    for test in tests:
+        files.append(tmp_path / f"{test}.csv")
+        files[-1].write_text(bench.run(find_test(test)).csv(), encoding="utf-8")
+    tables = joint_tables(read_bench(files))
+    car = statics(name)
+    design = toe_camber_spin(car.mechanism.design_attitudes, car.mechanism.design_attitudes)
+    centres = car.mechanism.car.wheel_centres
+    places = [(0.033, 0.0, 0.0), (-0.041, 0.028, 0.0), (0.017, 0.017, 0.033 if "steer" in tests else 0.0)]
+    for left, right, rack in places:
+        shape = car.solve(np.array([left, right, left, right]), rack)
+        moved, angles = (
+            shape.centres - centres,
+            toe_camber_spin(shape.attitudes, car.mechanism.design_attitudes) - design,
+        )
+        for i, (corner, table) in enumerate(tables.items()):
+            own, other = (left, right) if corner[1] == "l" else (right, left)
+            found = dict(zip(JOINTS, table.at(np.array(own), np.array(other), np.array(rack)), strict=True))
+            side = 1.0 if corner[1] == "l" else -1.0
+            true = {"half_track": side * moved[i, 1], "half_wheelbase": moved[i, 0]}
+            true |= dict(zip(("toe", "camber", "pitch"), angles[i], strict=True))
+            alone = (other == 0.0) + (rack == 0.0) == 2
+            for joint, value in true.items():
+                slack = 2e-5 if JOINTS[joint] == "m" else 1e-4
+                assert abs(found[joint] - value) < slack + (0.0 if alone else table.mixed[joint])
+        if name == "second-live-axle":
+            assert tables["rl"].mixed["half_track"] > 1e-3

@@ -1,0 +1,135 @@
+"""Joints of a wheel's suspension as T(s_own, s_other, rack): bench tables of one corner, and how they are put together.
+
+T is the additive one: T(s, s', r) = own(s) + other(s') + rack(r), each 0 at 0, s the wheel's own travel, s' that of the
+other wheel of the axle [m, compression positive], r the rack [m, to the left positive]. What a bench measured beside
+these lines (both wheels moved, or a wheel and the rack) gives the error of the mixed terms that T leaves away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lacet.daq.toml_reader import Reader
+
+Array = NDArray[np.float64]
+
+JOINTS: dict[str, str] = {"half_track": "m", "half_wheelbase": "m", "toe": "rad", "camber": "rad", "pitch": "rad"}
+"""Joints of a wheel with their SI units; signs as in the vehicle file's ``kinematics`` (docs/vehicle.md)."""
+CURVES: dict[str, str] = {"own": "travel", "other": "travel", "rack": "rack"}
+"""The three curves of a table, and what each is against."""
+
+
+@dataclass(frozen=True)
+class JointCurve:
+    """The joints against one variable: `at` (n,) [m], strictly increasing, holding 0; `values` (n, 5), `JOINTS`."""
+
+    at: Array
+    values: Array
+
+    @cached_property
+    def _spline(self) -> Any:
+        # Only here: SciPy is not needed to read a vehicle file.
+        from scipy.interpolate import CubicSpline
+
+        return CubicSpline(self.at, self.values, bc_type="natural" if len(self.at) > 2 else "not-a-knot")
+
+    def value(self, x: Array, derivative: int = 0) -> Array:
+        """(…, 5) the joints at `x` [m] less those at 0, or a derivative; beyond the table held at its ends."""
+        inside = np.clip(np.asarray(x, float), self.at[0], self.at[-1])
+        out = np.asarray(self._spline(inside, derivative), float)
+        return out if derivative else out - np.asarray(self._spline(0.0), float)
+
+
+@dataclass(frozen=True)
+class JointTables:
+    """Joint tables of one corner.
+
+    `own`, `other`, `rack` : the curves, None where there is none; `mixed` : largest difference between what a bench
+    measured with several variables moved and the additive T, by joint [m, rad]; empty where none was measured.
+    """
+
+    own: JointCurve
+    other: JointCurve | None
+    rack: JointCurve | None
+    mixed: Mapping[str, float]
+
+    def at(self, own: Array, other: Array, rack: Array) -> Array:
+        """(…, 5) changes of the joints from the design position, in the order of `JOINTS` [m, rad]."""
+        out = self.own.value(own)
+        for curve, x in ((self.other, other), (self.rack, rack)):
+            if curve is not None:
+                out = out + curve.value(x)
+        return out
+
+
+def read_joints(reader: Reader, rows: dict[str, Any], place: str) -> JointTables | None:
+    """The ``joints`` of a corner of a vehicle file; faults go to the reader."""
+    if not rows:
+        return None
+    reader.known(rows, (*CURVES, "mixed"), place)
+    curves = {name: _curve(reader, reader.table(rows, name, place), f"{place}.{name}", name) for name in CURVES}
+    own = curves["own"]
+    if own is None:
+        if "own" not in rows:
+            reader.fault(place, "own is missing: the joints against the wheel's own travel")
+        return None
+    errors = reader.table(rows, "mixed", place)
+    reader.known(errors, JOINTS, f"{place}.mixed")
+    found = {key: reader.quantity(errors, key, f"{place}.mixed", unit) for key, unit in JOINTS.items() if key in errors}
+    return JointTables(
+        own, curves["other"], curves["rack"], {k: abs(q.value) for k, q in found.items() if q is not None}
+    )
+
+
+def _curve(reader: Reader, rows: dict[str, Any], place: str, name: str) -> JointCurve | None:
+    if not rows:
+        return None
+    against = CURVES[name]
+    reader.known(rows, (against, *JOINTS), place)
+    at = reader.series(rows, against, place, "m")
+    if at is None or len(at) < 2 or np.any(np.diff(at) <= 0) or not at[0] <= 0.0 <= at[-1]:
+        reader.fault(f"{place}.{against}", "needs at least two values, strictly increasing, from below 0 to above it")
+        return None
+    columns = []
+    for key, unit in JOINTS.items():
+        values = reader.series(rows, key, place, unit)
+        if values is not None and len(values) != len(at):
+            reader.fault(f"{place}.{key}", f"has {len(values)} values for {len(at)} of {against}")
+            values = None
+        columns.append(np.asarray(values if values is not None else np.zeros(len(at)), float))
+    return JointCurve(np.asarray(at, float), np.stack(columns, axis=1))
+
+
+def joints_text(tables: Mapping[str, JointTables], source: str) -> str:
+    """Tables by corner as the part of a vehicle file that holds them: ``[corner.fl.joints.own]`` and so on."""
+    quoted = source.replace("\\", "/").replace('"', "'")
+    lines: list[str] = []
+
+    def shown(values: Array, unit: str) -> tuple[list[float], str]:
+        scaled = 1e3 * values if unit == "m" else np.degrees(values)
+        return [round(float(v), 5) + 0.0 for v in scaled], "mm" if unit == "m" else "deg"
+
+    for corner, table in tables.items():
+        for name, against in CURVES.items():
+            curve: JointCurve | None = getattr(table, name)
+            if curve is None:
+                continue
+            lines += ["", f"[corner.{corner}.joints.{name}]"]
+            zero = curve.value(np.zeros(1))[0]
+            columns = {against: (curve.at, "m")}
+            columns |= {key: (curve.values[:, i] - zero[i], unit) for i, (key, unit) in enumerate(JOINTS.items())}
+            for key, (values, unit) in columns.items():
+                numbers, written = shown(values, unit)
+                lines.append(f'{key} = {{ value = {numbers}, unit = "{written}", source = "{quoted}" }}')
+        if table.mixed:
+            lines += ["", f"[corner.{corner}.joints.mixed]"]
+            for key, error in table.mixed.items():
+                (number,), written = shown(np.array([error]), JOINTS[key])
+                lines.append(f'{key} = {{ value = {number}, unit = "{written}", source = "{quoted}" }}')
+    return "\n".join(lines) + "\n"
