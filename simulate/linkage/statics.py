@@ -29,6 +29,10 @@ BALANCED = 1e-7
 """Largest unbalanced generalised force [N or N·m] of an equilibrium, unless rounding leaves more where all is stiff."""
 SMALLEST = 1e-12
 """A step of Newton's method [m or rad] that is rounding alone."""
+FURTHEST = 0.2
+"""Longest step of Newton's method [m or rad]."""
+SLOW = 0.2
+"""A step that is more than this part of the one before calls for the matrix of the present position."""
 CLOSED = 1e-11
 """Largest error of the equations of an equilibrium [m]."""
 
@@ -82,6 +86,8 @@ class Statics:
         mechanism.refresh()
         self._design = mechanism.wheel_places()[0]
         self._last = np.zeros(mechanism.loops.count + 4)
+        self._inverse: Array | None = None
+        self._held: list[int] = []
 
     def equations(self, given: Array) -> tuple[Array, Array]:
         """Values and Jacobian (all nv) of loops and travels `given` (4,) [m]; NaN: that travel is free."""
@@ -153,6 +159,8 @@ class Statics:
         data.qvel[:] = 0.0
         data.qpos[:] = mechanism.design if start is None else start
         data.qpos[mechanism.rack_q] = rack
+        if held.tolist() != self._held:
+            self._inverse, self._held = None, held.tolist()
         n = len(self.free)
         loops = mechanism.loops.count
         force = np.concatenate([self._last[:loops], self._last[loops + held]])
@@ -163,12 +171,18 @@ class Statics:
             closed = not len(value) or np.max(np.abs(value)) < CLOSED
             if closed and (np.max(np.abs(rest)) < BALANCED or largest < SMALLEST):
                 break
-            step = -np.linalg.solve(self._matrix(given, loads, force), np.concatenate([rest, value]))
-            force = force + step[n:]
+            unbalanced = np.concatenate([rest, value])
+            inverse = self._inverse
+            if inverse is None or np.max(np.abs((inverse @ unbalanced)[:n])) > SLOW * largest:
+                inverse = np.asarray(np.linalg.inv(self._matrix(given, loads, force)), np.float64)
+                self._inverse = inverse
+            step = -inverse @ unbalanced
+            largest = float(np.max(np.abs(step[:n])))
+            part = min(1.0, FURTHEST / max(largest, SMALLEST))
+            force = force + part * step[n:]
             way = np.zeros(mechanism.model.nv)
             way[self.free] = step[:n]
-            largest = float(np.max(np.abs(way)))
-            mechanism.lib.mj_integratePos(mechanism.model, data.qpos, way, min(1.0, 0.2 / max(largest, 1e-12)))
+            mechanism.lib.mj_integratePos(mechanism.model, data.qpos, way, part)
         else:
             raise OutOfReach(f"the car '{mechanism.car.name}' has no equilibrium at travels {given} m, rack {rack} m")
         mechanism.refresh()
