@@ -140,7 +140,7 @@ def _tested(space: ScoreTests, inside: PartialRegression, law: _Law) -> Paramete
     nuisance, basis = inside.nuisance, law.columns[np.ix_(inside.nuisance, inside.nuisance)]
     prior, prior_side = basis.T @ inside.prior @ basis, basis.T @ inside.prior_side
     kept = np.setdiff1d(np.arange(len(nuisance)), [*law.left_out, *np.flatnonzero(np.isin(nuisance, mine))])
-    sheet = kept[nuisance[kept] >= model]
+    sheet = kept[np.isin(kept, space.columns.tolerances)]  # selected effects stand behind them
     known = with_columns(nuisance[kept], prior[np.ix_(kept, kept)], prior_side[kept], law.fresh)
     names, groups, chance = _groups(space, sums, inside.column_noise, law)
     drawn = space.columns.drawn[sheet - model]

@@ -75,12 +75,21 @@ def test_it_is_dense_least_squares_with_columns_of_each_runs_own(
     check(said, Dense(same, np.eye(w)[:, shared], prior, prior_side, law, right))
 
 
-def test_a_law_in_the_model_is_tried_with_columns_of_each_runs_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same of a law that is in the fit, whose value in a run is that of the fit and what the run adds to it."""
+@pytest.mark.parametrize("selected", [(), ("anti_roll_bar.front",)])
+def test_a_law_in_the_model_is_tried_with_columns_of_each_runs_own(
+    monkeypatch: pytest.MonkeyPatch, selected: tuple[str, ...]
+) -> None:
+    """The same of a law that is in the fit, whose value in a run is that of the fit and what the run adds to it.
+
+    Effects `selected` beside the fit have common parameters, too.
+    """
     none = lambda noise, sums, noise_ratio, sigma: np.zeros((sums.layout.width,) * 2)  # noqa: E731
     monkeypatch.setattr(RegressorNoise, "products", none)
     fitted = fit(MODEL + CUBIC, [run(number, size) for number, size in ((1, 4e6), (2, 3e6))])
     space = ScoreTests.of(Linearisation.of(fitted, floor_of(fitted, DRAWS)), TRIED[1:], 0)
+    beside = [trial for trial in space.layout.trials if trial.effect.key in selected]
+    assert len(beside) == len(selected)
+    space = ScoreTests(space.columns.given(beside), space.noise, noise_ratio=space.noise_ratio)
     (law,) = added_laws(space)
     said = chow_test_in_model(space, law)
     assert said
