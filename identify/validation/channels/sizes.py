@@ -30,6 +30,8 @@ _QUIET = 10.0**-0.5
 """Variation ÷ noise of the sensor sheet below which a column is too quiet for a sound instrument."""
 _LEAST = 30
 """Least number of samples of a column."""
+_WITH_YAW = 0.5
+"""Correlation with the yaw rate from which opposed steer of the front wheels is steering, and not toe."""
 _SURE = 1e-6
 """Probability by chance of a correlation between two noises, below which two columns are compared."""
 _ZEROS = 5.0
@@ -194,7 +196,7 @@ def opposed_steer(run: PreparedRun) -> SteersAgainst | None:
     freedom = left.size - 2
     t = -abs(r) * math.sqrt(freedom / max(1e-300, 1.0 - r * r))
     chance = 2.0 * float(scipy.special.stdtr(float(freedom), t))
-    if not (r < 0.0 and r * r > 0.5 and chance < _SURE):
+    if not (r < 0.0 and r * r > 0.5 and chance < _SURE) or _toe_alone(run, keep, left - right):
         return None
     return SteersAgainst(_against_yaw(run, keep, (left, right)), r * float(np.std(right) / np.std(left)))
 
@@ -224,6 +226,14 @@ def _at_zero_steer(run: Run, corner: str) -> float:
         return float(np.mean(series))
     at = np.interp(camber.t[camber.usable], steer.t[steer.usable], steer.values[steer.usable, 0])
     return float(np.linalg.lstsq(np.stack([np.ones(at.size), at], axis=1), series, rcond=None)[0][0])
+
+
+def _toe_alone(run: PreparedRun, keep: NDArray[np.bool_], opposed: Array) -> bool:
+    """Whether the opposed part of the steer has little to do with the yaw rate: bump and load change toe."""
+    if "imu.rate" not in run.recording.signals.value:
+        return False
+    yaw = run.motion.body.omega[2][keep]
+    return bool(abs(float(np.corrcoef(opposed, yaw)[0, 1])) < _WITH_YAW) if np.std(yaw) > 0.0 else False
 
 
 def _against_yaw(run: PreparedRun, keep: NDArray[np.bool_], steer: Sequence[Array]) -> str:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from lacet.daq.channels import COLUMNS
@@ -94,3 +97,18 @@ def test_wheels_of_an_axle_that_lean_to_the_same_side_are_named() -> None:
 def test_nothing_is_said_of_sound_runs(name: str) -> None:
     run = open_run(CAR / f"{name}.parquet")
     assert recorded_faults(run, PreparedRun.of(run, VEHICLE, RIG)) == []
+
+
+def test_front_wheels_that_toe_in_and_out_without_a_turn_have_no_wrong_sign() -> None:
+    """On a straight, rough road bump steer turns the wheels against each other, by more than the driver does."""
+    run = piece()
+    rng = np.random.default_rng(4)
+    signals = dict(run.signals)
+    slow = np.convolve(rng.standard_normal(len(signals["camera.fl.steer"].t) + 49), np.ones(50) / 50.0, "valid")
+    for column, side in (("camera.fl.steer", 1.0), ("camera.fr.steer", -1.0)):
+        signal = signals[column]
+        signals[column] = replace(signal, values=0.05 * signal.values + side * 0.02 * slow[:, None])
+    bumpy = replace(run, signals=signals)
+    left, right = (bumpy.signals[c].values[:, 0] for c in ("camera.fl.steer", "camera.fr.steer"))
+    assert np.corrcoef(left, right)[0, 1] < -0.75
+    assert opposed_steer(PreparedRun.of(bumpy, VEHICLE, RIG)) is None
