@@ -158,7 +158,9 @@ def _tests_of_some(
     progress(Step(Stage.FLOOR_BESIDE_EFFECT, subject=", ".join(key for key in joint.first.effects if key in there)))
     floor = linearisation.floor.redrawn(fitted)
     closer = replace(Linearisation.of(fitted, floor), latencies=linearisation.latencies)
-    space = ScoreTests.of(closer, others, seed, None, progress)
+    tried = {effect.key for effect in others}
+    removed = [joint.first.effects[effect.key] for effect in joint.removed if effect.key not in tried]
+    space = ScoreTests.of(closer, (*others, *removed), seed, None, progress)
     return space.given(joint.removed) if joint.removed else space
 
 
