@@ -23,6 +23,7 @@ from lacet.identify.selection.joint.alternatives import alternatives, confidence
 from lacet.identify.selection.joint.refits import (
     Joint,
     _not_standing_elsewhere,
+    _tests_of_some,
     beside_of,
     exchanged,
     fitted_with,
@@ -406,6 +407,15 @@ def test_beside_a_rest_a_fault_that_rows_of_other_kinds_want_back_is_no_name(
         assert {fault.key, other} <= found.dropped
         assert found.space.effects.keys().isdisjoint(found.dropped)
         assert "coulomb.rear" in found.space.effects
+
+
+def test_a_removed_latency_has_its_column_where_nothing_else_is_tried(subset: Joint):
+    """Any effect of the first tests will do for one: what remains of it is estimated with the others."""
+    removed = KNOWN["sensor_gain.hub.rr"]
+    joint = replace(subset, removed=(removed,))
+    space = _tests_of_some(joint, joint.fit, (), 0, silent)
+    assert [trial.effect.key for trial in space.columns.selected] == [removed.key]
+    assert not space.best_tests
 
 
 def test_a_fault_that_a_model_does_without_is_in_its_runs_again():
