@@ -55,7 +55,7 @@ def test_a_line_is_kept_ranked_added_and_read_again(study: Study, tmp_path: Path
     for axle in ("front", "rear"):
         mine, known = by_key[f"mybar.{axle}"], by_key[f"anti_roll_bar.{axle}"]
         assert (mine.drop, mine.gain) == pytest.approx((known.drop, known.gain), rel=1e-9)
-        # Sizes differ: that of one which is found is from a fit with all that are found, the other's from its test alone.
+        # Sizes differ: that of one which is found is from a fit with all found, the other's from its test alone.
     version = session.add("bump.front", {"v0": 0.02})
     again = Study.open(study.folder)
     model = again.model(again.version(), "hub")
