@@ -23,6 +23,7 @@ import numpy as np
 from benchmarks.decode_vs_cantools import CAPTURE, write_long
 from lacet.daq.bus.listener import BusListener
 from lacet.daq.bus.session import open_session
+from lacet.daq.errors import UsageError
 from lacet.daq.formats.log import LogReader
 from lacet.daq.formats.wire import WireError, block_from_bytes
 from lacet.services.acquisition.recorder import BATCH
@@ -129,7 +130,7 @@ def _listen(endpoint: str, recorder: subprocess.Popen[bytes], out: Measured) -> 
     while session is None and recorder.poll() is None:
         try:
             session = open_session(connect=(endpoint,), wait=1.0)
-        except Exception:
+        except UsageError:
             time.sleep(0.2)
     assert session is not None
     listener = BusListener(session)

@@ -7,7 +7,7 @@ Source: G. A. F. Seber and C. J. Wild, Nonlinear Regression, Wiley, 1989, sectio
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -32,9 +32,9 @@ class ConstantChange(PhysicalEffect):
     values : (k,) present values of the effect's parameters.
     """
 
-    effect: PhysicalEffect = None  # pyright: ignore[reportAssignmentType]
-    constant: str = ""
-    values: tuple[float, ...] = ()
+    effect: PhysicalEffect = field(kw_only=True)
+    constant: str = field(kw_only=True)
+    values: tuple[float, ...] = field(kw_only=True)
 
     @property
     def key(self) -> str:
@@ -73,7 +73,7 @@ class ConstantChange(PhysicalEffect):
 def constant_changes(sizes: Sequence[tuple[PhysicalEffect, Array]]) -> list[ConstantChange]:
     """The changes of all shape constants that have a range, of effects with the values of their parameters."""
     return [
-        ConstantChange(effect.where, {}, effect, constant, tuple(map(float, own)))
+        ConstantChange(effect.where, effect=effect, constant=constant, values=tuple(map(float, own)))
         for effect, own in sizes
         for constant in effect.shape
         if constant in effect.grids and np.ptp(effect.bounds_of(constant)) > 0.0

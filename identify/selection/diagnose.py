@@ -164,7 +164,7 @@ def diagnose_runs(
 def _settled(joint: Joint, seed: int, progress: Progress) -> tuple[Joint, Rest]:
     """The effects found and the rest, searched again where linearisation or the noise floor may matter."""
     progress(Step(Stage.LACK_OF_FIT))
-    joint, rest = _without_denied_faults(joint, Rest.of(joint.space, joint.laws), seed, progress)
+    joint, rest = without_denied_faults(joint, Rest.of(joint.space, joint.laws), seed, progress)
     for closer in (_relinearised, _with_floor_at_tolerances):
         if joint.space.linearisation.runs.refittable is None or not _in_doubt(joint, rest):
             continue
@@ -178,7 +178,7 @@ def _settled(joint: Joint, seed: int, progress: Progress) -> tuple[Joint, Rest]:
             moved = closest.fitted is not space.fitted
             joint = beside_of(joint.based_on(tests) if moved else joint, tests, progress)
             joint = continued(only_standing(joint, seed, progress) if moved else joint, seed, progress)
-            joint, rest = _without_denied_faults(joint, Rest.of(joint.space, joint.laws), seed, progress)
+            joint, rest = without_denied_faults(joint, Rest.of(joint.space, joint.laws), seed, progress)
     if joint.base is None:
         return joint, rest
     other = exchanged(joint, seed, progress)
@@ -188,14 +188,6 @@ def _settled(joint: Joint, seed: int, progress: Progress) -> tuple[Joint, Rest]:
     possible = only_plausible(joint, seed, progress)
     rest = rest if possible is joint else Rest.of(possible.space, possible.laws)
     return not_part_of_the_rest(possible, rest, seed, progress)
-
-
-def _without_denied_faults(joint: Joint, rest: Rest, seed: int, progress: Progress) -> tuple[Joint, Rest]:
-    """The effects found without the sensor faults that the rest was taken for, and what then remains."""
-    if joint.base is None:
-        return joint, rest
-    other = without_denied_faults(joint, rest, seed, progress)
-    return (joint, rest) if other is joint else (other, Rest.of(other.space, other.laws))
 
 
 def _in_doubt(joint: Joint, rest: Rest) -> bool:

@@ -214,8 +214,11 @@ def only_plausible(joint: Joint, seed: int, progress: Progress = silent) -> Join
         joint = without_effects(joint, [wrong.key], seed, progress)
 
 
-def without_denied_faults(joint: Joint, rest: Rest, seed: int, progress: Progress = silent) -> Joint:
-    """The same without the sensor faults that a rest was taken for, and what is found among effects of the car alone.
+def without_denied_faults(
+    joint: Joint, rest: Rest, seed: int, progress: Progress = silent
+) -> tuple[Joint, Rest]:  # fmt: skip
+    """The same without the sensor faults that a rest was taken for, with what is found among effects of the car alone
+    in place of them, and what then remains.
 
     What an unknown force does to rows of one kind looks like a fault of the sensors in them; removed from the runs,
     such a fault makes rows of other kinds fail, which want it back. A fault stands if those rows want it changed by no
@@ -224,7 +227,7 @@ def without_denied_faults(joint: Joint, rest: Rest, seed: int, progress: Progres
     found = [fault for fault in joint.space.fitted.model.faults if fault.key in joint.keys]
     rows = rest.of_other_kinds()
     if not found or not rows:
-        return joint
+        return joint, rest
     space = joint.space
     denied = {
         one.key
@@ -233,10 +236,11 @@ def without_denied_faults(joint: Joint, rest: Rest, seed: int, progress: Progres
         and one.squares > SELECTION.selected_inexactness**2 * one.force
     }
     if not denied:
-        return joint
+        return joint, rest
     faults = {key for key, effect in joint.first.effects.items() if effect.as_physics is None and key not in joint.keys}
     without = without_effects(replace(joint, dropped=joint.dropped | faults), denied, seed, progress)
-    return continued(only_standing(without, seed, progress), seed, progress)
+    joint = continued(only_standing(without, seed, progress), seed, progress)
+    return joint, Rest.of(joint.space, joint.laws)
 
 
 def not_part_of_the_rest(joint: Joint, rest: Rest, seed: int, progress: Progress = silent) -> tuple[Joint, Rest]:
@@ -253,9 +257,7 @@ def not_part_of_the_rest(joint: Joint, rest: Rest, seed: int, progress: Progress
         weakest = _weakest([one for one in found if one.force <= rest.beside(one) or one.key in elsewhere])
         if weakest is None:
             break
-        joint = _less(joint, [weakest.key])
-        joint = replace(joint, dropped=joint.dropped | {weakest.key}, parts=joint.parts | {weakest.key})
-        progress(Step(Stage.FIT_WITH_EFFECTS, subject=", ".join(joint.keys)))
+        joint = _dropping(replace(joint, parts=joint.parts | {weakest.key}), [weakest.key], progress)
         # What else could be there is tried beside what stands in the end.
         joint = beside_of(joint, _tests_of_some(joint, joint.fit, (), seed, progress), progress)
         rest = Rest.of(joint.space, joint.laws)
@@ -277,10 +279,15 @@ def _not_standing_elsewhere(joint: Joint, rest: Rest, tried: ScoreTests) -> set[
 
 def without_effects(joint: Joint, keys: Collection[str], seed: int, progress: Progress = silent) -> Joint:
     """The same without some of the effects found, which are not tried again."""
-    joint = _less(joint, keys)
-    joint = replace(joint, dropped=joint.dropped | set(keys))
-    progress(Step(Stage.FIT_WITH_EFFECTS, subject=", ".join(joint.keys)))
-    return beside_of(joint, _tests_of(joint, joint.fit, keys, seed, progress), progress)
+    joint = _dropping(joint, keys, progress)
+    return beside_of(joint, _tests_of(joint, joint.fit, (), seed, progress), progress)
+
+
+def _dropping(joint: Joint, keys: Collection[str], progress: Progress) -> Joint:
+    """The same less some of the effects found, which are not tried again, still with the tests beside them."""
+    less = _less(joint, keys)
+    progress(Step(Stage.FIT_WITH_EFFECTS, subject=", ".join(less.keys)))
+    return replace(less, dropped=less.dropped | set(keys))
 
 
 def _less(joint: Joint, keys: Collection[str]) -> Joint:

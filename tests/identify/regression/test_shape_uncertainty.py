@@ -48,6 +48,7 @@ def test_the_interval_of_a_size_counts_that_constants_were_searched(fitted: Fit,
     at = fitted.model.names.index(NAME)
     other = fitted.model.names.index("spring.fl.k")
     assert searched[at, at] > 4.0 * fitted.covariance[at, at]
+    assert sheet[at, at] > 1.5 * fitted.covariance_sheet[at, at]
     assert searched[other, other] == pytest.approx(fitted.covariance[other, other], rel=0.05)
     (size,) = (one for one in estimates(fitted) if one.name == NAME)
     assert size.half == pytest.approx(1.96 * float(np.sqrt(searched[at, at])))
