@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -215,3 +217,21 @@ def test_noise_of_what_was_tried_is_taken_out_where_it_is_tried_together(space: 
 def _at_other_zeros(space: ScoreTests) -> Array:
     """What the zeros found outside of each fold add to the sums inside."""
     return space.sums.over_runs.test.sum(axis=0) - space.sums.total
+
+
+@pytest.mark.parametrize(
+    ("sound", "noise", "share"),
+    [
+        (np.diag([1.0, 4.0]), np.diag([1.0, 1.0]), 0.5),
+        (np.diag([1.0, 4.0]), np.diag([-0.3, 12.0]), 0.75),
+        (np.diag([1.0, 4.0]), np.diag([-0.3, -0.2]), 0.0),
+        (np.ones((2, 2)), np.eye(2), 1.0),
+    ],
+)
+def test_the_noise_of_columns_themselves_is_a_share_of_their_energy(sound: Array, noise: Array, share: float) -> None:
+    """In the worst direction, in any units; drawn noise may be less than nothing; all is noise where nothing is sound."""
+    units = np.diag([1.0, 1e6])
+    reduced, own = units @ sound @ units, units @ noise @ units
+    known = SimpleNamespace(reduced=reduced, column_noise=own, reduced_noisy=reduced + np.diag(np.diag(reduced)))
+    found = PartialRegression.own_noisy_part(cast(PartialRegression, known), slice(0, 2))
+    assert found == pytest.approx(share)
