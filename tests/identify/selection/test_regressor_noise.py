@@ -229,7 +229,7 @@ def _at_other_zeros(space: ScoreTests) -> Array:
     ],
 )
 def test_the_noise_of_columns_themselves_is_a_share_of_their_energy(sound: Array, noise: Array, share: float) -> None:
-    """In the worst direction, in any units; drawn noise may be less than nothing; all is noise where nothing is sound."""
+    """In the worst direction, in any units. Drawn noise may be less than nothing; beside nothing sound all is noise."""
     units = np.diag([1.0, 1e6])
     reduced, own = units @ sound @ units, units @ noise @ units
     known = SimpleNamespace(reduced=reduced, column_noise=own, reduced_noisy=reduced + np.diag(np.diag(reduced)))
