@@ -15,6 +15,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -178,7 +179,7 @@ def page(found: list[Measured]) -> str:
         "after). Lateness is the time from the arrival of a sample's last frame at the recorder to its arrival at the",
         f"listener; batches of {1e3 * BATCH:.0f} ms are half of it. Goal: 99 % within 100 ms at the rig's own rate,",
         "nothing lost, memory flat. Growth is that of the second half: before, caches and the windows of the check of",
-        "stuck values fill.",
+        "stuck values fill. One `link_down` of the serial line is the end of the replay.",
         "",
         "| full rig | for | frames | lost | late, median | 99 % | largest | memory | grows by | processor | load |",
         "|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
@@ -190,9 +191,12 @@ def page(found: list[Measured]) -> str:
 def row(one: Measured) -> str:
     """A recording's line of the table."""
     median, most = np.percentile(one.late_ms, [50, 99])
-    lost = sum(sum(causes.values()) for causes in one.losses.values())
+    lost: Counter[str] = Counter()
+    for causes in one.losses.values():
+        lost.update(causes)
+    text = ", ".join(f"{name} {number}" for name, number in sorted(lost.items())) or "nothing"
     return (
-        f"| {one.speed:g} × | {one.seconds:.0f} s | {one.frames:,} | {lost} | {median:.0f} ms | {most:.0f} ms "
+        f"| {one.speed:g} × | {one.seconds:.0f} s | {one.frames:,} | {text} | {median:.0f} ms | {most:.0f} ms "
         f"| {max(one.late_ms):.0f} ms | {one.memory[-1][1]:.0f} MB | {one.growth:+.2f} MB/min "
         f"| {100 * one.processor:.0f} % | {one.load[0]:.1f} → {one.load[1]:.1f} |"
     )

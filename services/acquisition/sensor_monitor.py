@@ -222,7 +222,8 @@ class _Level:
         self.number += len(t_ns)
         step = self._step(lag, t_ns)
         values = UNSEEN * period_ns
-        if abs(step) > 0.75 * values:
+        nominal = not self.steps or abs(np.median(self.steps)) <= RATE_TOLERANCE * LEVEL_NS
+        if nominal and abs(step) > 0.75 * values:  # at another rate a stretch longer by a batch would be a step
             self.lost += UNSEEN * round(step / values)
 
     def by_device(self, block: Block, device_ns: NDArray[np.int64]) -> None:

@@ -221,6 +221,25 @@ def test_another_rate_is_no_hidden_loss(every):
     assert bench.monitor.hidden_losses() == {}
 
 
+def test_a_rate_three_times_the_nominal_in_batches_of_any_length_is_no_hidden_loss():
+    bench = Bench()
+    rest: dict[str, Block] = {}
+
+    def fast(channel: str, block: Block) -> list[Block]:
+        if not channel.startswith("wheel"):
+            return [block]
+        t_ns = block.t_ns[0] + np.arange(3 * len(block)) * 2_000_000 // 3
+        flags = np.zeros(len(t_ns), np.uint8)
+        came = Block(channel, t_ns, block.values.repeat(3, 0), flags)
+        whole = Block.concat([rest[channel], came] if channel in rest else [came])
+        n = len(whole) - int(bench.rng.integers(0, 120))
+        rest[channel] = part(whole, slice(n, None))
+        return [part(whole, slice(n))]
+
+    bench.run(8.0, fast)
+    assert bench.monitor.hidden_losses() == {}
+
+
 def test_a_delay_that_passes_is_no_loss():
     bench = Bench()
     bench.run(5.0)
