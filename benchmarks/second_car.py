@@ -3,10 +3,10 @@
     python -P benchmarks/second_car.py --folder .second-car
 
 Each second car drives a sinus, a rough road and drive with lift-off, and a road with kerbs that is held out, 12 s each
-(kept in the folder). The base model is fitted with the table of the bump test in the vehicle file and without it, then
-with both anti-roll bars added, which the mechanism has and the base model lacks. Printed: error ÷ noise floor of
-each row, parameters beside the mechanism's, and the terms of the suspension rows that the model has no place for, from
-the noise-free motion.
+(kept in the folder). The base model is fitted with the joint tables of a bench in the vehicle file, with the table of
+its bump test and without any, then with both anti-roll bars added, which the mechanism has and the base model lacks.
+Printed: error ÷ noise floor of each row, parameters beside the mechanism's, and the terms of the suspension rows that
+the model has no place for, from the noise-free motion.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ CARS = ("second", "second-live-axle", "second-rigid")
 USED, HELD = ("sinus", "rough", "liftoff"), "kerb"
 BARS = ("anti_roll_bar.front", "anti_roll_bar.rear")
 RIG = "peugeot-406"
+TABLES = ("joints", "bump", "none")
 SETTINGS = ("duration=12", "sinus.amplitude=0.03")
 
 
@@ -45,6 +46,18 @@ def drive(car: str, folder: Path) -> None:
         raise SystemExit(f"{car}: not simulated")
 
 
+def joints(car: str, folder: Path) -> str:
+    """Joint tables of a car for its vehicle file, from its virtual bench."""
+    file = folder / "joints.toml"
+    if not file.exists():
+        bench, tables = folder / "bench", ("single-left", "single-right", "grid", "steer")
+        words = ["bench", "--car", car, "--force", "-o", str(bench)]
+        words += [word for name in tables for word in ("--test", name)]
+        if command(words) or command(["bench", *(str(bench / f"{name}.csv") for name in tables), "-o", str(file)]):
+            raise SystemExit(f"{car}: no bench")
+    return file.read_text(encoding="utf-8")
+
+
 def without_tables(text: str) -> str:
     """A vehicle file without its bench tables."""
     out, skip = [], False
@@ -56,11 +69,13 @@ def without_tables(text: str) -> str:
     return "\n".join(out) + "\n"
 
 
-def fits(car: str, folder: Path, tables: bool) -> None:
-    """Fit and compare, without and with the bars, and print."""
+def fits(car: str, folder: Path, tables: str) -> None:
+    """Fit and compare with these of `TABLES`, without and with the bars, and print."""
     text = (folder / f"{car}.toml").read_text(encoding="utf-8")
-    vehicle = folder / f"{'with' if tables else 'without'}-table.toml"
-    vehicle.write_text(text if tables else without_tables(text), encoding="utf-8")
+    vehicle = folder / f"tables-{tables}.toml"
+    if tables != "bump":
+        text = without_tables(text) + (joints(car, folder) if tables == "joints" else "")
+    vehicle.write_text(text, encoding="utf-8")
     files = {"rig": RIG, "vehicle": vehicle}
     runs = lacet.load_runs(*(folder / f"{name}.parquet" for name in USED), **files)
     held = lacet.load_runs(folder / f"{HELD}.parquet", **files)
@@ -68,7 +83,7 @@ def fits(car: str, folder: Path, tables: bool) -> None:
     both = base
     for bar in BARS:
         both = lacet.add(both, bar)
-    print(f"\n{car}, bump table {'given' if tables else 'not given'}")
+    print(f"\n{car}, tables: {tables}")
     ratios = {}
     for name, fitted in (("base", base), ("bars", both)):
         for where, part in (("", None), (" held", held)):
@@ -132,12 +147,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--folder", type=Path, required=True, help="for the runs")
     parser.add_argument("--car", action="append", choices=CARS, help="default: all")
+    parser.add_argument("--table", action="append", choices=TABLES, help="bench tables of the fits; default: each")
     parser.add_argument("--only", choices=("fits", "terms"), help="one part")
     args = parser.parse_args()
     for car in args.car or CARS:
         if args.only != "terms":
             drive(car, args.folder / car)
-            for tables in (True, False):
+            for tables in args.table or TABLES:
                 fits(car, args.folder / car, tables)
         if args.only != "fits":
             for name, settings in (("sinus", {"amplitude": 0.03}), ("rough", {})):

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.daq.channels import CORNERS
+from lacet.daq.channels import CORNERS, other_corner
 from lacet.daq.errors import FileFault, nearest
 from lacet.daq.joint_tables import JOINTS, JointCurve, JointTables
 from lacet.daq.toml_reader import Reader
@@ -68,8 +68,7 @@ class BenchReadings:
 
     def moved(self, corner: str) -> tuple[Array, Array, Array]:
         """(n,) own travel, travel of the axle's other wheel, rack, of a corner."""
-        other = corner[0] + ("r" if corner[1] == "l" else "l")
-        return self.of("travel", corner), self.of("travel", other), self.columns["rack"]
+        return self.of("travel", corner), self.of("travel", other_corner(corner)), self.columns["rack"]
 
     @property
     def free(self) -> NDArray[np.bool_]:

@@ -13,6 +13,11 @@ CORNERS = ("fl", "fr", "rl", "rr")
 """Front left, front right, rear left, rear right."""
 
 
+def other_corner(corner: str) -> str:
+    """The axle's other corner: ``fr`` of ``fl``."""
+    return corner[0] + ("r" if corner[1] == "l" else "l")
+
+
 @dataclass(frozen=True)
 class Channel:
     """One measured quantity.

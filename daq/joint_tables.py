@@ -21,6 +21,11 @@ Array = NDArray[np.float64]
 
 JOINTS: dict[str, str] = {"half_track": "m", "half_wheelbase": "m", "toe": "rad", "camber": "rad", "pitch": "rad"}
 """Joints of a wheel with their SI units; signs as in the vehicle file's ``kinematics`` (docs/vehicle.md)."""
+PLACE: dict[str, int] = {name: i for i, name in enumerate(JOINTS)}
+"""Places of the joints in a table's columns."""
+TOE = PLACE["toe"]
+STEERED = np.radians(1.0)
+"""Change of toe along the rack's curve above which the rack steers the wheel [rad]: a bench reads to 0.003°."""
 CURVES: dict[str, str] = {"own": "travel", "other": "travel", "rack": "rack"}
 """The three curves of a table, and what each is against."""
 
@@ -40,10 +45,19 @@ class JointCurve:
         return CubicSpline(self.at, self.values, bc_type="natural" if len(self.at) > 2 else "not-a-knot")
 
     def value(self, x: Array, derivative: int = 0) -> Array:
-        """(…, 5) the joints at `x` [m] less those at 0, or a derivative; beyond the table held at its ends."""
-        inside = np.clip(np.asarray(x, float), self.at[0], self.at[-1])
+        """(…, 5) the joints at `x` [m] less those at 0, or their first or second derivative by x.
+
+        A natural cubic spline through the table; beyond its ends a straight line goes on.
+        """
+        x = np.asarray(x, float)
+        inside = np.clip(x, self.at[0], self.at[-1])
         out = np.asarray(self._spline(inside, derivative), float)
-        return out if derivative else out - np.asarray(self._spline(0.0), float)
+        if derivative == 2:
+            return out * (x == inside)[..., None]
+        if derivative:
+            return out
+        slope = np.asarray(self._spline(inside, 1), float)
+        return out - np.asarray(self._spline(0.0), float) + slope * (x - inside)[..., None]
 
 
 @dataclass(frozen=True)
@@ -58,6 +72,16 @@ class JointTables:
     other: JointCurve | None
     rack: JointCurve | None
     mixed: Mapping[str, float]
+
+    @property
+    def follows_other(self) -> bool:
+        """Whether the wheel moves or turns with the travel of the axle's other wheel."""
+        return self.other is not None and bool(np.any(np.diff(self.other.values, axis=0)))
+
+    @property
+    def steered(self) -> bool:
+        """Whether the rack steers the wheel."""
+        return self.rack is not None and bool(np.ptp(self.rack.values[:, TOE]) > STEERED)
 
     def at(self, own: Array, other: Array, rack: Array) -> Array:
         """(…, 5) changes of the joints from the design position, in the order of `JOINTS` [m, rad]."""
@@ -78,6 +102,10 @@ def read_joints(reader: Reader, rows: dict[str, Any], place: str) -> JointTables
     if own is None:
         if "own" not in rows:
             reader.fault(place, "own is missing: the joints against the wheel's own travel")
+        return None
+    rack = curves["rack"]
+    if rack is not None and np.ptp(rack.values[:, TOE]) > STEERED and np.ptp(np.sign(np.diff(rack.values[:, TOE]))):
+        reader.fault(f"{place}.rack.toe", "must rise, or fall, all along: the steer of the wheel gives the rack")
         return None
     errors = reader.table(rows, "mixed", place)
     reader.known(errors, JOINTS, f"{place}.mixed")

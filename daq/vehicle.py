@@ -86,6 +86,11 @@ class Corner:
         """+1 on the left, -1 on the right."""
         return 1 if self.name.endswith("l") else -1
 
+    @property
+    def follows_other(self) -> bool:
+        """Whether the wheel moves or turns with the travel of the axle's other wheel."""
+        return self.joints is not None and self.joints.follows_other
+
 
 @dataclass(frozen=True)
 class Vehicle:

@@ -98,25 +98,37 @@ class KinematicSlopes:
     curvature: Array
 
 
-def kinematics(corner: Corner, travel: Array) -> KinematicSlopes:
+def kinematics(corner: Corner, travel: Array, other: float = 1.0) -> KinematicSlopes:
     """A corner's bench table along `travel` (N,) [m]: value and two derivatives, (5, N) each.
 
-    The five rows are half track, half wheelbase, steer, camber, pitch.
+    The five rows are half track, half wheelbase, steer, camber, pitch. Of joint tables it is what they give where the
+    axle's other wheel moves by `other` times this travel: 1 in bump, −1 in roll, 0 held; the rack stays.
 
     Signs are converted from the file's (outward, toe-in, top outward) to the joints' (y to the left, steer to the left,
     positive about x). Interpolation is by a cubic spline, so that slopes are continuous; extrapolation is linear.
     """
     zeros = np.zeros((5, travel.size))
+    if corner.joints is not None:
+        parts = [corner.joints.own.value(travel, order).T for order in range(3)]
+        if corner.joints.other is not None:
+            moved = [other**order * corner.joints.other.value(other * travel, order).T for order in range(3)]
+            parts = [a + b for a, b in zip(parts, moved, strict=True)]
+        return KinematicSlopes(*(table_signs(corner) * part for part in parts))
     if corner.table is None:
         return KinematicSlopes(zeros, zeros, zeros)
     spline = table_spline(corner.table)
     low, high = corner.table.travel[0], corner.table.travel[-1]
     inside = np.clip(travel, low, high)
-    signs = np.array([[corner.side], [1.0], [-corner.side], [-corner.side], [1.0]])
+    signs = table_signs(corner)
     slope = spline.at(inside, 1)
     beyond = np.where((travel < low) | (travel > high), 0.0, 1.0)
     change = spline.at(inside) + slope * (travel - inside)
     return KinematicSlopes(signs * change, signs * slope, signs * spline.at(inside, 2) * beyond)
+
+
+def table_signs(corner: Corner) -> Array:
+    """(5, 1) signs of the joints' changes for positive values in the vehicle file: half track … pitch."""
+    return np.array([[corner.side], [1.0], [-corner.side], [-corner.side], [1.0]])
 
 
 def table_spline(table: KinematicTable) -> CubicSpline:

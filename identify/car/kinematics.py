@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lacet.daq.channels import CORNERS
+from lacet.daq.channels import CORNERS, other_corner
 from lacet.daq.errors import RunError
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
@@ -21,8 +21,6 @@ from lacet.identify.car.car_tree import (
     CarChain,
     car_chain,
     carrier_axes,
-    kinematics,
-    kingpin_pitch,
     orientation,
 )
 from lacet.identify.car.measured_rows import MeasuredRows
@@ -31,6 +29,7 @@ from lacet.identify.car.road import Road, RoadPlane
 from lacet.identify.car.rows import Row, Torque, suspension_torque
 from lacet.identify.car.sources.completion import completed
 from lacet.identify.car.sources.nominal_load import known_masses
+from lacet.identify.car.wheel_joints import wheel_joints
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.vectors import Array, cross, dot, turn, turned, unit
 from lacet.identify.signals.filters import Filters
@@ -93,8 +92,11 @@ def _corner(
     assert wheel is not None
     lean, lean_rate = dot(spin_axis, normal), dot(part.spin_axis_rate, normal) + dot(spin_axis, plane.rate)
     tilt = np.sqrt(1.0 - lean**2)
-    height, height_rate = road.height(c, plane, part.centre, part.dp_ds * part.rate)
-    torques = _torques(c, part, spin_axis, rows, values)
+    height, height_rate = road.height(c, plane, part.centre, part.velocity)
+    torques = _torques(c, part.dphi_ds, spin_axis, rows, values)
+    by_other = None
+    if part.other_dphi_ds is not None:
+        by_other = _torques_by_other(c, part.other_dphi_ds, spin_axis, rows, values)
     return CornerMotion(
         travel=part.travel,
         rate=part.rate,
@@ -122,26 +124,43 @@ def _corner(
         axle=axle,
         wheel=wheel,
         conditional=road.conditional_travel(c),
+        other_dp_ds=part.other_dp_ds,
+        other_dphi_ds=part.other_dphi_ds,
+        other_wheel_dphi_ds=None if by_other is None else by_other[0],
+        other_torque_work=None if by_other is None else by_other[1],
     )
 
 
 def _torques(
-    c: str, part: _Branch, spin_axis: Array, rows: Mapping[Row, Torque], values: Mapping[str, Array]
+    c: str, dphi_ds: Array, spin_axis: Array, rows: Mapping[Row, Torque], values: Mapping[str, Array]
 ) -> tuple[Array, Array, Array]:
     """Rotation of the wheel per unit of travel in the suspension row, work of its torque, torque in the spin row.
 
     Sources: `car.rows`. Where the half-shaft's torque is eliminated, the brake's replaces it.
     """
-    zero = np.zeros(spin_axis.shape[1])
+    in_spin = rows.get(Row.parse(f"spin.{c}"), Torque())
+    turned, work = _worked(suspension_torque(rows, c), dphi_ds, spin_axis, values)
+    n = spin_axis.shape[1]
+    return turned, work, _torque(in_spin.shaft, values, n) - _torque(in_spin.brake, values, n)
 
-    def torque(channel: str) -> Array:
-        return values[channel][0] if channel else zero
 
-    in_suspension, in_spin = suspension_torque(rows, c), rows.get(Row.parse(f"spin.{c}"), Torque())
-    about_axis = dot(spin_axis, part.dphi_ds)
-    turned = part.dphi_ds - spin_axis * about_axis if in_suspension.eliminated else part.dphi_ds
-    work = about_axis * (torque(in_suspension.shaft) + torque(in_suspension.brake))
-    return turned, work, torque(in_spin.shaft) - torque(in_spin.brake)
+def _torques_by_other(
+    c: str, dphi_ds: Array, spin_axis: Array, rows: Mapping[Row, Torque], values: Mapping[str, Array]
+) -> tuple[Array, Array]:
+    """Rotation of the wheel per unit of the other wheel's travel in that one's suspension row, work of its torque."""
+    in_suspension = suspension_torque(rows, other_corner(c)).corners.get(c, Torque())
+    return _worked(in_suspension, dphi_ds, spin_axis, values)
+
+
+def _worked(of: Torque, dphi_ds: Array, spin_axis: Array, values: Mapping[str, Array]) -> tuple[Array, Array]:
+    about_axis = dot(spin_axis, dphi_ds)
+    turned = dphi_ds - spin_axis * about_axis if of.eliminated else dphi_ds
+    n = spin_axis.shape[1]
+    return turned, about_axis * (_torque(of.shaft, values, n) + _torque(of.brake, values, n))
+
+
+def _torque(channel: str, values: Mapping[str, Array], n: int) -> Array:
+    return values[channel][0] if channel else np.zeros(n)
 
 
 def body_attitude(values: Mapping[str, Array], rig: Rig) -> Array | None:
@@ -206,8 +225,11 @@ class _Branch:
     pitch: Array
     axes: Array
     centre: Array
+    velocity: Array
     dp_ds: Array
     dphi_ds: Array
+    other_dp_ds: Array | None
+    other_dphi_ds: Array | None
     spin_axis: Array
     spin_axis_rate: Array
     spin: Array
@@ -220,39 +242,42 @@ def _geometry(corner: Corner, signals: Signals, road: Road, q: Array, qd: Array,
     centre_z, speed, accel = road.centre_z(c)
     n = centre_z.size
     travel = centre_z - corner.position[2]
-    table = kinematics(corner, travel)
     zero = np.zeros(n)
     steer, steer_rate, steer_accel = signals.scalar(f"camera.{c}.steer", n)
     camber, camber_rate, camber_accel = signals.scalar(f"camera.{c}.camber", n)
     spin, spin_accel, _ = signals.scalar(f"wheel.{c}.speed", n)
-    kingpin, slope, curvature = kingpin_pitch(corner, steer)
-
-    def tabled(k: int, offset: float) -> tuple[Array, Array, Array]:
-        s, d, dd = table.change[k], table.slope[k], table.curvature[k]
-        return offset + s, d * speed, d * accel + dd * speed**2
-
+    other = road.travel(other_corner(c)) if corner.follows_other else None
+    table = wheel_joints(corner, (travel, speed, accel), other, (steer, steer_rate, steer_accel))
     joints = (
-        tabled(0, corner.position[1]),
-        tabled(1, corner.position[0]),
+        table.half_track,
+        table.half_wheelbase,
         (centre_z, speed, accel),
         (steer, steer_rate, steer_accel),
         (camber, camber_rate, camber_accel),
-        tabled(4, 0.0),
-        (kingpin, slope * steer_rate, slope * steer_accel + curvature * steer_rate**2),
+        table.pitch,
+        table.kingpin,
         # The wheel is a balanced body of revolution: its angle has no influence and stays zero.
         (zero, spin, spin_accel),
     )
     for k, (position, velocity, acceleration) in enumerate(joints):
         q[first + k], qd[first + k], qdd[first + k] = position, velocity, acceleration
-    ones = np.ones(n)
-    pitch = joints[5][0] + kingpin
+    pitch = table.pitch[0] + table.kingpin[0]
     axes = carrier_axes(steer, camber, pitch)
     camber_axis, spin_axis = np.stack([np.cos(steer), np.sin(steer), zero]), axes[:, 1]
+
+    def turned_by(slope: Array) -> Array:
+        return unit(2) * slope[2] + camber_axis * slope[3] + spin_axis * slope[4]
+
+    by, by_other = table.by_own, table.by_other
+    dp_ds = np.stack([by[1], by[0], np.ones(n)])
     return _Branch(
         travel, speed, accel, steer, camber, pitch, axes,
-        centre=np.stack([joints[1][0], joints[0][0], centre_z]),
-        dp_ds=np.stack([table.slope[1], table.slope[0], ones]),
-        dphi_ds=unit(2) * table.slope[2] + camber_axis * table.slope[3] + spin_axis * table.slope[4],
+        centre=np.stack([table.half_wheelbase[0], table.half_track[0], centre_z]),
+        velocity=dp_ds * speed if table.velocity is None else np.stack([*table.velocity, speed]),
+        dp_ds=dp_ds,
+        dphi_ds=turned_by(by),
+        other_dp_ds=None if by_other is None else np.stack([by_other[1], by_other[0], zero]),
+        other_dphi_ds=None if by_other is None else turned_by(by_other),
         spin_axis=spin_axis,
         spin_axis_rate=cross(unit(2) * steer_rate + camber_axis * camber_rate, spin_axis),
         spin=spin, spin_accel=spin_accel,

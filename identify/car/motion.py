@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.daq.channels import other_corner
 from lacet.identify.car.rows import CHASSIS_ROWS, SUSPENSION_ROWS, Row, RowAbsence
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.vectors import Array, cross, dot
@@ -82,6 +83,8 @@ class CornerMotion:
     axle : motion of the axle's body (the wheel carrier) in carrier axes.
     wheel : motion of the wheel in its joint frame, z along the spin axis.
     conditional : travel and rate given the record, for laws that bend within the noise; None for exact signals.
+    other_dp_ds, other_dphi_ds, other_wheel_dphi_ds, other_torque_work : the same per unit of travel of the axle's
+        other wheel, in whose suspension row they stand; None where this wheel does not move with it.
 
     Examples
     --------
@@ -116,6 +119,10 @@ class CornerMotion:
     axle: FrameMotion
     wheel: FrameMotion
     conditional: ConditionalTravel | None = None
+    other_dp_ds: Array | None = None
+    other_dphi_ds: Array | None = None
+    other_wheel_dphi_ds: Array | None = None
+    other_torque_work: Array | None = None
 
     def at(self, index: NDArray[np.intp]) -> CornerMotion:
         """The corner at the samples `index`."""
@@ -227,7 +234,8 @@ class Motion:
         """(N,) the measured left side of a row [N or N·m].
 
         Chassis rows are ΣF and Σ(M + r × F) about the body origin in body axes; a suspension row is the virtual work of
-        the wheel load and of the torque on the wheel per unit of travel; a tyre row the load along the road normal; a
+        the wheel load and of the torque on the wheel per unit of travel, and of those on the axle's other wheel where
+        it moves too; a tyre row the load along the road normal; a
         spin row the moment and the torque about the wheel's axis; a body row a combination of these (`car.rows`). From
         chassis and suspension rows the inertia of known masses is taken off.
         """
@@ -247,10 +255,20 @@ class Motion:
         corner = self.corners[row.place]
         if row.kind == "suspension":
             force = corner.force - self._inertia(row.place)
-            return dot(force, corner.dp_ds) + dot(corner.moment, corner.wheel_dphi_ds) + corner.torque_work
+            own = dot(force, corner.dp_ds) + dot(corner.moment, corner.wheel_dphi_ds) + corner.torque_work
+            return own + self._work_of_other(other_corner(row.place))
         if row.kind == "tyre":
             return dot(corner.force, corner.normal)
         return dot(corner.moment, corner.spin_axis) + corner.torque
+
+    def _work_of_other(self, name: str) -> Array | float:
+        """(N,) work of the load and torque on a wheel per unit of travel of the axle's other wheel [N]."""
+        wheel = self.corners[name]
+        if wheel.other_dp_ds is None or wheel.other_wheel_dphi_ds is None or wheel.other_torque_work is None:
+            return 0.0
+        force = wheel.force - self._inertia(name)
+        turning = dot(wheel.moment, wheel.other_wheel_dphi_ds) + wheel.other_torque_work
+        return dot(force, wheel.other_dp_ds) + turning
 
     def _inertia(self, corner: str) -> Array | float:
         """(3, N) mass × specific force of what is unsprung at a corner, where its mass is known [N]; else 0."""

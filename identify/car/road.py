@@ -58,6 +58,11 @@ class Road:
             return hub + self.vehicle.corners[c].position[2], rate, accel
         return self.mount[c][2] - hub, -rate, -accel
 
+    def travel(self, c: str) -> tuple[Array, Array, Array]:
+        """Suspension travel [m], compression positive, and its derivatives, (N,)."""
+        z, rate, accel = self.centre_z(c)
+        return z - self.vehicle.corners[c].position[2], rate, accel
+
     def conditional_travel(self, c: str) -> ConditionalTravel | None:
         """Suspension travel of a corner given the hub laser's record; None where that is exact or absent."""
         name, signals = f"laser.{c}.hub", self.signals

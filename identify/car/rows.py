@@ -12,6 +12,8 @@ loads are ``contact`` loads, of those inboard of the transducer where they are `
   the spin row, T_shaft = I ω̇ + T_brake − n·M, which leaves
   F·∂p/∂s + M·ψ + T_brake n·∂φ/∂s = inertia_s with ψ for ∂φ/∂s in the wheel's part + k s + c ṡ + offset,
   ψ = ∂φ/∂s − n (n·∂φ/∂s): the virtual motion in which the wheel does not turn about its axis.
+  Where joint tables say that the axle's other wheel moves with this travel, its load, torque and inertia are in the row
+  too, with its own ∂p/∂s, ∂φ/∂s and ψ by this travel; its torque is measured or eliminated in the same way.
 - ``tyre.{c}``: F·e = kt δ (``contact``), F·e = kt δ − m_out a·e (``hub``), δ = R0 − h/√(1 − (n·e)²).
 - ``spin.{c}``: n·M + T_shaft − T_brake = I ω̇, ω̇ in space: that of the wheel on its carrier and of the carrier.
 - ``body.heave``, ``body.roll``, ``body.pitch``: combinations of chassis and suspension rows in which vertical forces
@@ -23,14 +25,15 @@ Torques are positive when they drive (shaft) and when they slow (brake) a wheel 
 from __future__ import annotations
 
 from collections.abc import Container, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from types import MappingProxyType
 
 import numpy as np
 
-from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.daq.channels import CHANNELS, CORNERS, other_corner
 from lacet.daq.errors import UsageError, nearest
+from lacet.daq.joint_tables import PLACE, JointCurve
 from lacet.daq.vehicle import Corner, Vehicle
 from lacet.identify.signals.for_equations import alternatives
 from lacet.identify.signals.sources import Kind, Method, Source
@@ -165,13 +168,25 @@ def needs(
     attitude = (f"camera.{name}.steer", f"camera.{name}.camber")
     moment, speed, hub = f"wheel.{name}.moment", f"wheel.{name}.speed", f"laser.{name}.hub"
     turns = vehicle is None or _turns(vehicle.corners[name])
+    coupled = () if vehicle is None else _by_other_wheel(row, vehicle)
     if kind == "suspension":
-        return (*imu, f"wheel.{name}.force", moment, *((speed,) if turns else ()), hub, *attitude)
+        own = (*imu, f"wheel.{name}.force", moment, *((speed,) if turns else ()), hub, *attitude)
+        return tuple(dict.fromkeys((*own, *coupled)))
     if kind == "tyre":
         road = tuple(f"laser.{c}.ground" for c in grounds) if len(grounds) >= 3 else ("imu.attitude",)
         own = (f"wheel.{name}.force", f"laser.{name}.ground", hub, *attitude)
-        return tuple(dict.fromkeys((*own, *road, *(imu if reference == "hub" else ()))))
-    return (moment, speed, *((hub,) if turns else ()), *attitude, "imu.rate")
+        return tuple(dict.fromkeys((*own, *road, *(imu if reference == "hub" else ()), *coupled)))
+    return (moment, speed, *((hub,) if turns else ()), *attitude, "imu.rate", *coupled)
+
+
+def _by_other_wheel(row: Row, vehicle: Vehicle) -> tuple[str, ...]:
+    """Channels of the axle's other wheel that a row of a corner needs where one of both wheels moves with the other."""
+    other = vehicle.corners[other_corner(row.place)]
+    hub = (f"laser.{other.name}.hub",)
+    if row.kind == "suspension" and other.follows_other:
+        load = tuple(f"wheel.{other.name}.{what}" for what in ("force", "moment", "speed"))
+        return (*load, *hub, *(f"camera.{other.name}.{angle}" for angle in ("steer", "camber")))
+    return hub if vehicle.corners[row.place].follows_other else ()
 
 
 _LEADING: dict[str, tuple[str, str]] = {
@@ -204,6 +219,8 @@ def leading(row: Row) -> dict[str, tuple[int, ...]]:
 
 def _turns(corner: Corner) -> bool:
     """Whether the carrier rotates with travel: only then do moments and the wheel's momentum enter its row."""
+    if corner.joints is not None:
+        return any(np.any(np.diff(corner.joints.own.values[:, PLACE[a]])) for a in ("toe", "camber", "pitch"))
     table = corner.table
     return table is not None and any(np.any(np.diff(column)) for column in (table.toe, table.camber, table.pitch))
 
@@ -218,7 +235,8 @@ class Torque:
     eliminated : whether the half-shaft's torque is eliminated from a suspension row by means of the spin row.
     released : whether the row holds only while the brakes are released, as `PRESSURE` shows.
     missing : why the row cannot be formed; None where it can.
-    corners : of a row that contains suspension rows, the torques in these by corner.
+    corners : of a row that contains suspension rows, the torques in these by corner; of a suspension row, that on the
+        axle's other wheel, where it moves with this one's travel.
     """
 
     shaft: str = ""
@@ -238,14 +256,23 @@ class Torque:
 def torque_in(row: Row, vehicle: Vehicle, measured: Container[str], brakes: str) -> Torque:
     """The torques on the wheel in `row`, with the channels `measured` and the brakes as the run declares them."""
     if row.kind == "suspension":
-        return _suspension_torque(vehicle.corners[row.place], measured, brakes)
+        corner, other = (vehicle.corners[c] for c in (row.place, other_corner(row.place)))
+        own = _suspension_torque(corner, _shaft_slope(corner), measured, brakes)
+        if not other.follows_other:
+            return own
+        return _with(own, {other.name: _suspension_torque(other, _shaft_slope_by_other(other), measured, brakes)})
     if row.kind == "spin":
         return _spin_torque(vehicle.corners[row.place], measured, brakes)
     if row.kind == "body":
-        each = {c: _suspension_torque(vehicle.corners[c], measured, brakes) for c in CORNERS}
-        missing = next((one.missing for one in each.values() if one.missing), None)
-        return Torque(released=any(one.released for one in each.values()), missing=missing, corners=each)
+        return _with(Torque(), {r.place: torque_in(r, vehicle, measured, brakes) for r in SUSPENSION_ROWS})
     return Torque()
+
+
+def _with(own: Torque, each: Mapping[str, Torque]) -> Torque:
+    """A row's own torques, with those of corners in it."""
+    missing = next((one.missing for one in (own, *each.values()) if one.missing), None)
+    released = any(one.released for one in (own, *each.values()))
+    return replace(own, released=released, missing=missing, corners=each)
 
 
 def suspension_torque(rows: Mapping[Row, Torque], corner: str) -> Torque:
@@ -255,9 +282,10 @@ def suspension_torque(rows: Mapping[Row, Torque], corner: str) -> Torque:
     return found or next(bodies, Torque())
 
 
-def _suspension_torque(corner: Corner, measured: Container[str], brakes: str) -> Torque:
+def _suspension_torque(corner: Corner, slope: float, measured: Container[str], brakes: str) -> Torque:
+    """Torques on a wheel in a suspension row; `slope` : largest n·∂φ/∂s of it in that row [rad/m]."""
     shaft, brake = f"shaft.{corner.name}.torque", f"brake.{corner.name}.torque"
-    inboard, slope = corner.brakes == "inboard", _shaft_slope(corner)
+    inboard = corner.brakes == "inboard"
     if slope == 0.0:
         return Torque()
     if shaft in measured:
@@ -296,11 +324,23 @@ def _spin_torque(corner: Corner, measured: Container[str], brakes: str) -> Torqu
 
 def _shaft_slope(corner: Corner) -> float:
     """Largest rotation of the carrier about the spin axis per unit of travel by its table, n·∂φ/∂s [rad/m]."""
+    if corner.joints is not None:
+        return _curve_slope(corner.joints.own)
     if corner.table is None:
         return 0.0
     travel = corner.table.travel
     pitch, toe = (np.max(np.abs(np.gradient(column, travel))) for column in (corner.table.pitch, corner.table.toe))
     return float(pitch + _LARGE_CAMBER * toe)
+
+
+def _shaft_slope_by_other(corner: Corner) -> float:
+    """The same per unit of the other wheel's travel."""
+    return 0.0 if corner.joints is None or corner.joints.other is None else _curve_slope(corner.joints.other)
+
+
+def _curve_slope(curve: JointCurve) -> float:
+    slope = np.max(np.abs(np.gradient(curve.values, curve.at, axis=0)), axis=0)
+    return float(slope[PLACE["pitch"]] + _LARGE_CAMBER * slope[PLACE["toe"]])
 
 
 _NEVER_ASSUMED = ("imu.accel", "imu.rate", "imu.attitude", "laser.ground")

@@ -198,11 +198,12 @@ def _solve(n: CornerNumbers, body: Array, wheels: Array, inertia: Array) -> list
 def roll_centre(corner: Corner) -> float:
     """Height of an axle's roll centre above the road [m] from a corner's bench table; 0 without one.
 
-    Half the track times the outward displacement of the contact point per unit of travel.
+    Half the track times the outward displacement of the contact point per unit of travel, the other wheel moved by the
+    same in the opposite direction.
     """
-    if corner.table is None:
+    if corner.table is None and corner.joints is None:
         return 0.0
-    slope = kinematics(corner, np.zeros(1)).slope[:, 0]
+    slope = kinematics(corner, np.zeros(1), other=-1.0).slope[:, 0]
     # The contact point is below the wheel centre and moves with camber (about body x).
     outwards = corner.side * float(slope[0] + corner.height * slope[3])
     return abs(corner.position[1]) * outwards

@@ -9,8 +9,9 @@ from enum import Enum, auto
 import numpy as np
 
 from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.daq.joint_tables import PLACE
 from lacet.daq.rig import Rig
-from lacet.daq.vehicle import Vehicle
+from lacet.daq.vehicle import Corner, Vehicle
 from lacet.identify.car.car_tree import AXLE, CHASSIS, CORNER_OF_BRANCH, FIRST_JOINT, WHEEL, car_chain
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.rows import Row, RowAbsence
@@ -205,11 +206,8 @@ def structure(
 
 
 def _follows(vehicle: Vehicle, corner: str, name: str, column: str) -> JointPosition:
-    bench = vehicle.corners[corner].table
-    values = None if bench is None or not column else np.asarray(getattr(bench, column), float)
-    driven = values is not None and bool(np.any(values))
-    table = column if driven else ""
     own = vehicle.corners[corner]
+    table = column if _tabled(own, column) else ""
     if name == "steering":
         return JointPosition((f"camera.{corner}.steer",), table)
     if name == "camber":
@@ -225,6 +223,16 @@ def _follows(vehicle: Vehicle, corner: str, name: str, column: str) -> JointPosi
     if name == "tyre deflection":
         return JointPosition((f"laser.{corner}.ground", f"laser.{corner}.hub"))
     return JointPosition(table=table, fixed=None if table else Fixed.NO_TABLE)
+
+
+def _tabled(corner: Corner, column: str) -> bool:
+    """Whether a column of the corner's bench tables moves its joint."""
+    if not column:
+        return False
+    if corner.joints is not None:
+        curves = (corner.joints.own, corner.joints.other, corner.joints.rack if corner.joints.steered else None)
+        return any(curve is not None and bool(np.any(curve.values[:, PLACE[column]])) for curve in curves)
+    return corner.table is not None and bool(np.any(getattr(corner.table, column)))
 
 
 def _free_instants(vehicle: Vehicle, rig: Rig, reference: str, brakes: str, seed: int) -> Recording:

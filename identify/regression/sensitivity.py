@@ -14,7 +14,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.daq.channels import CHANNELS, CORNERS, other_corner
+from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.measured_rows import MeasuredRows
 from lacet.identify.car.motion import Motion
@@ -291,7 +292,7 @@ def _derivatives(
             unchanged[len(group)] = _Copies.made(len(group), recording, measured, motion)
         copies = unchanged[len(group)]
         changed = _stepped(copies.recording, group, steps)
-        still, moving = (copies.motion, [corner]) if corner else (None, CORNERS)
+        still, moving = (copies.motion, _moved_by(corner, recording.vehicle)) if corner else (None, CORNERS)
         after = residual(build_motion(changed, still, moving, copies.measured), effects, theta)
         slopes |= zip(group, _slopes(before, after, steps), strict=True)
     return {key: rows for key, rows in slopes.items() if rows}
@@ -355,7 +356,7 @@ def _scale(recording: Recording, one: Input) -> float:
 
 
 def _groups(recording: Recording, parts: Sequence[int], most: int) -> list[tuple[str, list[Input]]]:
-    """Groups of at most `most` inputs, each with the corner whose motion alone depends on them, or "" for none."""
+    """Groups of at most `most` inputs, each with the corner whose channels they are, or "" for none."""
     by_corner: dict[str, list[Input]] = {}
     for one in _inputs(recording.signals, parts):
         corner = ""
@@ -369,6 +370,12 @@ def _groups(recording: Recording, parts: Sequence[int], most: int) -> list[tuple
         for corner, inputs in by_corner.items()
         for start in range(0, len(inputs), most)
     ]
+
+
+def _moved_by(corner: str, vehicle: Vehicle) -> tuple[str, ...]:
+    """Corners whose motion depends on a corner's channels: the axle's other one too where it follows this travel."""
+    other = other_corner(corner)
+    return (corner, other) if vehicle.corners[other].follows_other else (corner,)
 
 
 def _stepped(copies: Recording, group: Sequence[Input], steps: Sequence[float]) -> Recording:

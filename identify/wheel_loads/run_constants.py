@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lacet.daq.channels import CORNERS
+from lacet.daq.channels import CORNERS, other_corner
 from lacet.identify.car.motion import Motion
 from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array, cross, dot
@@ -61,6 +61,8 @@ def per_wheel_mass(motion: Motion, c: str, rows: Sequence[Row]) -> Array:
             out[i] = force["xyz".index(row.place[1])]
         elif row == f"suspension.{c}":
             out[i] = dot(wheel.centre_accel, wheel.dp_ds)
+        elif row == f"suspension.{other_corner(c)}" and wheel.other_dp_ds is not None:
+            out[i] = dot(wheel.centre_accel, wheel.other_dp_ds)
     return out
 
 

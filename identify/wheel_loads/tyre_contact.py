@@ -214,5 +214,7 @@ def with_loads(motion: Motion, loads: WheelLoads, torques: bool = True) -> Motio
         zero = np.zeros_like(wheel.normal)
         load = loads.get(c, WheelLoad(zero, zero))
         still = {} if torques else {"torque": zero[0], "torque_work": zero[0]}
+        if not torques and wheel.other_torque_work is not None:
+            still["other_torque_work"] = zero[0]
         corners[c] = replace(wheel, force=load.force, moment=load.moment, **still)
     return replace(motion, corners=corners)

@@ -243,7 +243,7 @@ def _corner(corner: Corner, vehicle: Vehicle, bodies: Completion, laws: _Laws, r
 
 
 def _tables(vehicle: Vehicle) -> dict[str, str]:
-    with_table = [c for c, corner in vehicle.corners.items() if corner.table is not None]
+    with_table = [c for c, corner in vehicle.corners.items() if corner.table or corner.joints]
     if not with_table:
         return {}
     return {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 
 from lacet.daq.bench_readings import BenchError, joint_tables, read_bench
 from lacet.daq.errors import VehicleError
-from lacet.daq.joint_tables import JOINTS, joints_text
+from lacet.daq.joint_tables import JOINTS, JointCurve, joints_text
 from lacet.daq.vehicle import Vehicle
 
 VEHICLE = """
@@ -184,3 +185,23 @@ def test_joints_are_written_into_a_vehicle_file_and_read_again(tmp_path: Path) -
     bad = VEHICLE + joints_text(tables, "bench").replace("[corner.fl.joints.own]", "[corner.fl.joints.owm]")
     with pytest.raises(VehicleError, match=r"corner\.fl\.joints.*owm"):
         Vehicle.parse(bad, "trial.toml")
+
+
+def test_curves_go_on_straight_beyond_their_ends() -> None:
+    tables = JointCurve(np.array([-0.05, 0.0, 0.05]), np.outer([0.3, 0.0, 0.1], np.ones(5)))
+    for end in tables.at[[0, -1]]:
+        slope = tables.value(end, 1)
+        np.testing.assert_allclose(tables.value(2.0 * end), tables.value(end) + slope * end, atol=1e-15)
+        np.testing.assert_allclose(tables.value(2.0 * end, 1), slope)
+        assert not np.any(tables.value(2.0 * end, 2))
+
+
+def test_a_rack_whose_toe_turns_back_is_refused(tmp_path: Path) -> None:
+    tables = joint_tables(read_bench([write(tmp_path / "all.csv", readings())]))
+    text = VEHICLE + joints_text(tables, "bench")
+    rack = tables["fl"].rack
+    assert rack is not None
+    turned = {**tables, "fl": replace(tables["fl"], rack=replace(rack, values=np.abs(rack.values)))}
+    Vehicle.parse(text, "trial.toml")
+    with pytest.raises(VehicleError, match=r"corner\.fl\.joints\.rack\.toe: must rise, or fall"):
+        Vehicle.parse(VEHICLE + joints_text(turned, "bench"), "trial.toml")

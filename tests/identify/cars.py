@@ -9,6 +9,7 @@ import numpy as np
 
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.formats.open_run import open_run
+from lacet.daq.joint_tables import JointCurve, JointTables
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import KinematicTable, Vehicle
@@ -55,6 +56,26 @@ def with_tables(vehicle: Vehicle, pitch: bool = True) -> Vehicle:
             pitch=(1.0 if pitch else 0.0) * k * (0.12 * s + 0.5 * s**2),
         )
         corners[name] = replace(corner, table=table, driven=False)
+    return replace(vehicle, corners=corners)
+
+
+def with_joints(vehicle: Vehicle) -> Vehicle:
+    """The car with joint tables, different at each corner: both wheels of an axle move with both, in front the rack.
+
+    Knots at 0 and at ± 0.1 m alone, so that tests can differentiate numerically in between.
+    """
+    s = np.array([-0.1, 0.0, 0.1])
+    corners = {}
+    for i, (name, corner) in enumerate(vehicle.corners.items()):
+        k = 1.0 + 0.1 * i
+        own = np.outer(s, [0.10, -0.06, 0.05, -0.20, 0.42]) + np.outer(s**2, [-0.9, 0.4, -0.3, -0.8, 0.5])
+        other = np.outer(s, [-0.05, 0.03, 0.07, 0.31, -0.15]) + np.outer(s**2, [0.4, -0.5, 0.2, 0.6, -0.3])
+        # The steering's rack pushes the left wheel's toe in and the right one's out.
+        rack = np.outer(s, [0.08, 0.20 * corner.side, 5.0 * corner.side, 0.3, 0.6 * corner.side])
+        rack += np.outer(s**2, [-1.0, 0.5, 3.0, 2.0, 1.5])
+        curves = [JointCurve(s, k * values) for values in (own, other, rack)]
+        tables = JointTables(curves[0], curves[1], curves[2] if name[0] == "f" else None, {})
+        corners[name] = replace(corner, table=None, joints=tables, driven=False)
     return replace(vehicle, corners=corners)
 
 

@@ -120,7 +120,8 @@ class Pushrod(Law[Signals]):
         else:
             up = accel[2] - hub[0]
             # The table of the joints: y to the left, x forward.
-            slope = kinematics(self.corner, self.design - signals.value[f"laser.{c}.hub"][0]).slope[:2]
+            travel = self.design - signals.value[f"laser.{c}.hub"][0]
+            slope = kinematics(self.corner, travel, other=0.0).slope[:2]
         load = rod + mass * up
         force = shares(signals, self.lateral, self.longitudinal, load, accel)
         force[2] = load - force[0] * slope[1] - force[1] * slope[0]

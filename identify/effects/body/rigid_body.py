@@ -6,6 +6,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from lacet.daq.channels import other_corner
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.car_tree import AXLE, CHASSIS, WHEEL, car_chain
 from lacet.identify.car.motion import CornerMotion, Motion
@@ -122,19 +123,25 @@ class RigidBody(PhysicalEffect):
         `moment` (3, p, N) and `force` (3, f, N) in the body's frame; the first p − f wrenches have no force.
         """
         name = self.where.partition(".")[2]
-        spin, dphi_ds = None, corner.dphi_ds
+        spin, dphi_ds, other_dphi_ds = None, corner.dphi_ds, corner.other_dphi_ds
         if self.where.startswith("wheel"):
             to_carrier = car_chain().to_body[self.number - 1]
             force, moment = np.tensordot(to_carrier, force, 1), np.tensordot(to_carrier, moment, 1)
-            spin, dphi_ds = moment[1], corner.wheel_dphi_ds
+            spin, dphi_ds, other_dphi_ds = moment[1], corner.wheel_dphi_ds, corner.other_wheel_dphi_ds
         force, moment = turned(corner.axes, force), turned(corner.axes, moment)
-        suspension = dot(moment, dphi_ds[:, None])
         first = moment.shape[1] - force.shape[1]
-        suspension[first:] += dot(force, corner.dp_ds[:, None])
+
+        def work(dp_ds: Array, dphi_ds: Array) -> Array:
+            out = dot(moment, dphi_ds[:, None])
+            out[first:] += dot(force, dp_ds[:, None])
+            return out
+
+        out = {f"suspension.{name}": work(corner.dp_ds, dphi_ds)}
+        if corner.other_dp_ds is not None and other_dphi_ds is not None:
+            out[f"suspension.{other_corner(name)}"] = work(corner.other_dp_ds, other_dphi_ds)
         moment[:, first:] += cross(corner.centre[:, None], force)  # from here on about the body origin
         force = np.concatenate([np.zeros((3, first, force.shape[2])), force], axis=1)
-        out: dict[str, Array] = dict(zip(_CHASSIS, (*force, *moment), strict=True))
-        out[f"suspension.{name}"] = suspension
+        out = {**dict(zip(_CHASSIS, (*force, *moment), strict=True)), **out}
         if spin is not None:
             out[f"spin.{name}"] = spin
         return out

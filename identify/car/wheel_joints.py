@@ -1,0 +1,122 @@
+"""Joints of a wheel along a motion, from the bench tables of its corner: places, derivatives, slopes by travel.
+
+Without joint tables a joint is T(s) of the bump table, s the wheel's own travel. With them it is T(s, s', r) = own(s) +
+other(s') + rack(r), s' the travel of the axle's other wheel, r the rack's: slopes by s and s' are at a fixed rack. The
+rack is that at which the wheel has its measured steer: what the tie rod gives counts as rack, and turns the wheel about
+the same kingpin. The table of the rack then stands in place of the kingpin's axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lacet.daq.joint_tables import TOE, JointCurve, JointTables
+from lacet.daq.vehicle import Corner
+from lacet.identify.car.car_tree import kinematics, kingpin_pitch, table_signs
+from lacet.identify.multibody.vectors import Array
+
+Course = tuple[Array, Array, Array]
+"""A quantity and its first two derivatives by time, (N,) each, or (5, N) for the joints of a table."""
+_ROUNDS = 8
+"""Steps of Newton's method for the rack; its start is the table's own line, so that four are enough."""
+
+
+@dataclass(frozen=True)
+class WheelJoints:
+    """Joints of one wheel that follow from its tables.
+
+    Attributes
+    ----------
+    half_track, half_wheelbase, pitch : y and x of the wheel centre [m]; pitch with travel and, by a table of it, with
+        the rack [rad].
+    kingpin : pitch from steering about the kingpin's axis, where no table of the rack has it [rad].
+    by_own : (5, N) slopes of y, x, steer, camber, pitch by the wheel's own travel.
+    by_other : the same by the travel of the axle's other wheel; None where it does not move with it.
+    velocity : (2, N) of x and y of the wheel centre [m/s]; None where it is the slopes times the travel's rate.
+    """
+
+    half_track: Course
+    half_wheelbase: Course
+    pitch: Course
+    kingpin: Course
+    by_own: Array
+    by_other: Array | None
+    velocity: Array | None
+
+
+def wheel_joints(corner: Corner, own: Course, other: Course | None, steer: Course) -> WheelJoints:
+    """The joints of a corner along the travels [m] of its wheel and of the axle's `other` one, and its steer [rad].
+
+    `other` is needed where the wheel follows the other one (`Corner.follows_other`).
+    """
+    if corner.joints is None:
+        return _by_bump_table(corner, own, steer)
+    return _by_joint_tables(corner, corner.joints, own, other, steer)
+
+
+def _by_bump_table(corner: Corner, own: Course, steer: Course) -> WheelJoints:
+    travel, speed, accel = own
+    table = kinematics(corner, travel)
+
+    def tabled(k: int, offset: float) -> Course:
+        s, d, dd = table.change[k], table.slope[k], table.curvature[k]
+        return offset + s, d * speed, d * accel + dd * speed**2
+
+    return WheelJoints(
+        tabled(0, corner.position[1]), tabled(1, corner.position[0]), tabled(4, 0.0), _kingpin(corner, steer),
+        table.slope, None, None,
+    )  # fmt: skip
+
+
+def _kingpin(corner: Corner, steer: Course) -> Course:
+    kingpin, slope, curvature = kingpin_pitch(corner, steer[0])
+    return kingpin, slope * steer[1], slope * steer[2] + curvature * steer[1] ** 2
+
+
+def _by_joint_tables(
+    corner: Corner, tables: JointTables, own: Course, other: Course | None, steer: Course
+) -> WheelJoints:
+    signs = table_signs(corner)
+    joints, by_own = _along(tables.own, own)
+    by_other = None
+    if tables.other is not None and other is not None and tables.follows_other:
+        moved, by_other = _along(tables.other, other)
+        joints = _sum(joints, moved)
+    kingpin = _kingpin(corner, steer)
+    if tables.rack is not None and tables.steered:
+        # Toe of the rack: the measured one less what both travels give.
+        toe = tuple(-corner.side * part - joint[TOE] for part, joint in zip(steer, joints, strict=True))
+        turned, _ = _along(tables.rack, _rack(tables.rack, (toe[0] - corner.static_toe, toe[1], toe[2])))
+        joints = _sum(joints, turned)
+        zero = np.zeros_like(steer[0])
+        kingpin = zero, zero, zero
+    value, rate, accel = (signs * part for part in joints)
+    return WheelJoints(
+        (corner.position[1] + value[0], rate[0], accel[0]), (corner.position[0] + value[1], rate[1], accel[1]),
+        (value[4], rate[4], accel[4]), kingpin, signs * by_own, None if by_other is None else signs * by_other,
+        rate[[1, 0]],
+    )  # fmt: skip
+
+
+def _along(curve: JointCurve, x: Course) -> tuple[Course, Array]:
+    """The joints (5, N) along the course of what they are against, and their slopes by it."""
+    value, slope, curvature = (np.moveaxis(curve.value(x[0], order), -1, 0) for order in range(3))
+    return (value, slope * x[1], slope * x[2] + curvature * x[1] ** 2), slope
+
+
+def _sum(a: Course, b: Course) -> Course:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def _rack(curve: JointCurve, toe: Course) -> Course:
+    """Course of the rack [m] at which the toe of its curve has this course [rad]."""
+    line = curve.value(curve.at)[:, TOE]
+    order = np.argsort(line)
+    at = np.interp(toe[0], line[order], curve.at[order])
+    for _ in range(_ROUNDS):
+        at = at + (toe[0] - curve.value(at)[:, TOE]) / curve.value(at, 1)[:, TOE]
+    slope, curvature = (curve.value(at, order)[:, TOE] for order in (1, 2))
+    rate = toe[1] / slope
+    return at, rate, (toe[2] - curvature * rate**2) / slope

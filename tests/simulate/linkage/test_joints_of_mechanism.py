@@ -1,0 +1,99 @@
+"""Joint tables of rigid linkages: slopes and work of wheel loads in lacet's suspension rows are the mechanism's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lacet.daq.channels import CORNERS
+from lacet.daq.joint_tables import JointCurve, JointTables
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.kinematics import build_motion
+from lacet.identify.car.motion import Motion
+from lacet.identify.car.rows import Row
+from lacet.simulate.linkage.bench import SIDE, toe_camber_spin
+from lacet.simulate.linkage.statics import Loads, Statics
+from lacet.simulate.linkage.truth import values_at
+from lacet.simulate.vehicle_file import vehicle_text
+from tests.identify import cars
+from tests.simulate.linkage.second_cars import RIGID, mechanism, statics
+
+NEAR = np.linspace(-2e-3, 2e-3, 9)
+"""Travels and racks of the tables [m]: near the design position, so that slopes are exact."""
+
+
+def tables_of(of: Statics) -> dict[str, JointTables]:
+    """Joint tables of each corner, one variable moved at a time."""
+    design = of.mechanism.design_attitudes
+    zero, centres = toe_camber_spin(design, design), of.mechanism.car.wheel_centres
+
+    def readings(travel: np.ndarray, rack: float = 0.0) -> np.ndarray:
+        shape = of.solve(travel, rack)
+        moved, angles = shape.centres - centres, toe_camber_spin(shape.attitudes, design) - zero
+        return np.column_stack([SIDE * moved[:, 1], moved[:, 0], angles])
+
+    left, right = np.array([1.0, 0.0, 1.0, 0.0]), np.array([0.0, 1.0, 0.0, 1.0])
+    by_left, by_right = (np.array([readings(s * side) for s in NEAR]) for side in (left, right))
+    by_rack = np.array([readings(np.zeros(4), r) for r in NEAR])
+    out = {}
+    for i, c in enumerate(CORNERS):
+        own, other = (by_left, by_right) if c[1] == "l" else (by_right, by_left)
+        curves = [JointCurve(NEAR, values[:, i]) for values in (own, other, by_rack)]
+        out[c] = JointTables(*curves, {})
+    return out
+
+
+def at_design(name: str) -> Motion:
+    """The car standing at its design position, as lacet makes it of its instruments and joint tables."""
+    of = statics(name)
+    vehicle = Vehicle.parse(vehicle_text(of.mechanism.car), f"{name}.toml")
+    # The bench locks the wheels to their carriers: no half-shaft is eliminated.
+    corners = {c: replace(vehicle.corners[c], joints=tables, driven=False) for c, tables in tables_of(of).items()}
+    vehicle = replace(vehicle, corners=corners)
+    signals = cars.random_signals(1, 1)
+    rig = Rig.load("peugeot-406")
+    value = dict(signals.value)
+    flat = build_motion(cars.recording(signals, vehicle, rig))
+    for c, corner in corners.items():
+        value[f"laser.{c}.hub"] = value[f"laser.{c}.hub"] + flat.corners[c].travel
+        value[f"camera.{c}.steer"] = np.array([[-corner.side * corner.static_toe]])
+        value[f"camera.{c}.camber"] = np.array([[-corner.side * corner.static_camber]])
+    return build_motion(cars.recording(replace(signals, value=value), vehicle, rig))
+
+
+@pytest.mark.parametrize("name", RIGID)
+def test_slopes_by_both_travels_are_the_mechanism_s(name: str) -> None:
+    """∂p/∂s and ∂φ/∂s of each wheel by its own and by the other wheel's travel."""
+    motion, of = at_design(name), statics(name)
+    values = values_at(of, of.solve(np.zeros(4)))
+    for i, c in enumerate(CORNERS):
+        corner = motion.corners[c]
+        assert corner.other_dp_ds is not None
+        assert corner.other_dphi_ds is not None
+        for j, dp, dphi in ((i, corner.dp_ds, corner.dphi_ds), (i ^ 1, corner.other_dp_ds, corner.other_dphi_ds)):
+            np.testing.assert_allclose(dp[:, 0], [*values.path[i, j], float(i == j)], atol=2e-6)
+            np.testing.assert_allclose(dphi[:, 0], values.turn[i, j], atol=2e-5)
+
+
+@pytest.mark.parametrize("name", RIGID)
+def test_loads_of_both_wheels_do_the_work_that_holds_the_travels(name: str) -> None:
+    """What a load at the wheels adds to the forces that hold the travels is the left side of the suspension rows."""
+    motion, of = at_design(name), Statics(mechanism(name))
+    rng = np.random.default_rng(4)
+    force, moment = rng.normal(0, 2000, (4, 3)), rng.normal(0, 300, (4, 3))
+    held = of.solve(np.zeros(4), loads=Loads(force, moment)).held - of.solve(np.zeros(4)).held
+    corners = {}
+    for i, c in enumerate(CORNERS):
+        lever = np.array([0.0, 0.0, -of.mechanism.car.heights[i]])
+        about = moment[i] + np.cross(lever, force[i])
+        corners[c] = replace(motion.corners[c], force=force[i][:, None], moment=about[:, None])
+    loaded = replace(motion, corners=corners)
+    found = np.array([loaded.measured(Row.parse(f"suspension.{c}"))[0] for c in CORNERS])
+    np.testing.assert_allclose(found, -held, atol=1e-3)
+    # Without what the other wheel adds it is another force, where an axle couples its wheels.
+    alone = {c: replace(k, other_dp_ds=None) for c, k in corners.items()}
+    cut = np.array([replace(motion, corners=alone).measured(Row.parse(f"suspension.{c}"))[0] for c in CORNERS])
+    assert np.max(np.abs(cut + held)[2:]) > 20.0
