@@ -6,7 +6,7 @@ import asyncio
 import json
 import os
 import threading
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
 
@@ -46,17 +46,18 @@ class Events:
         """Number of pages that listen."""
         return len(self._pages)
 
-    async def stream(self, first: list[tuple[str, Any]] | None = None) -> AsyncIterator[str]:
-        """The stream of one page's events, beginning with `first`."""
+    async def stream(self, first: Callable[[], Any]) -> AsyncIterator[str]:
+        """The stream of one page's events, beginning with ``hello``.
+
+        `first` : gives its data once the page listens, so that what happens after it is an event.
+        """
         queue: asyncio.Queue[str | None] = asyncio.Queue(WAITING)
         with self._lock:
             if self._closed:
                 return
             self._pages[queue] = asyncio.get_running_loop()
         try:
-            yield "retry: 1000\n\n"
-            for event, data in first or []:
-                yield f"event: {event}\ndata: {json.dumps(data, ensure_ascii=False)}\n\n"
+            yield f"retry: 1000\nevent: hello\ndata: {json.dumps(first(), ensure_ascii=False)}\n\n"
             while True:
                 try:
                     text = await asyncio.wait_for(queue.get(), BEAT)

@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,6 +23,7 @@ from lacet.services.progress import AnyStep, ServiceStage
 from lacet.services.render.progress import sentence
 from lacet.services.timing.job_time import JobTime
 from lacet.services.workbench.events import Events
+from lacet.services.workbench.job_record import JobRecord
 from lacet.services.workspace.study import WRITING
 
 PERIOD = 0.1
@@ -42,9 +43,10 @@ class Cancelled(BaseException):
 class Job:
     """One long computation.
 
-    `state` is ``waiting``, ``running``, ``done``, ``failed`` or ``cancelled``; `text` its present step, `done` of
-    `total` where parts are counted; `share` of the whole job done (0 to 1) and `remaining` time [s], None while
-    they are not known; `error` the reason of a failure; `result` its result as plain data.
+    `state` is ``waiting``, ``running``, ``done``, ``failed``, ``cancelled``, or ``lost`` when an earlier server ended
+    before it; `text` its present step, `done` of `total` where parts are counted; `time` says the share of the whole
+    job done and the time left; `began` the clock's time at its start [s], None before; `error` the reason of a failure;
+    `result` its result as plain data.
     """
 
     id: int
@@ -54,8 +56,8 @@ class Job:
     text: str = ""
     done: int | None = None
     total: int | None = None
-    share: float | None = None
-    remaining: float | None = None
+    time: JobTime | None = field(default=None, repr=False)
+    began: float | None = None
     error: str | None = None
     result: Any = None
     seconds: float = 0.0
@@ -64,13 +66,19 @@ class Job:
 
     def as_data(self, result: bool = False) -> dict[str, Any]:
         """The job as plain data for the page."""
-        names = ("id", "do", "args", "state", "text", "done", "total", "share", "remaining", "error", "seconds")
-        return {name: getattr(self, name) for name in names} | ({"result": self.result} if result else {})
+        names = ("id", "do", "args", "state", "text", "done", "total", "error", "seconds")
+        running = self.state == "running" and self.began is not None
+        now = self.time.estimate() if running and self.time is not None else None
+        clock = {
+            "elapsed": time.monotonic() - self.began if running and self.began is not None else None,
+            "share": now.share if now else None, "remaining": now.remaining if now else None,
+        }  # fmt: skip
+        return {name: getattr(self, name) for name in names} | clock | ({"result": self.result} if result else {})
 
     @property
     def over(self) -> bool:
         """Whether the job has ended."""
-        return self.state in ("done", "failed", "cancelled")
+        return self.state in ("done", "failed", "cancelled", "lost")
 
 
 class JobProgress:
@@ -78,7 +86,7 @@ class JobProgress:
 
     def __init__(self, job: Job, publish: Callable[[Job], None]):
         self.job, self._publish, self._last = job, publish, 0.0
-        self.time = JobTime()
+        self.time = job.time = JobTime()
 
     def report(self, text: str) -> None:
         """Set the text of the present step. Raises Cancelled."""
@@ -88,10 +96,8 @@ class JobProgress:
         self._say(found is None)
 
     def progress(self, step: AnyStep) -> None:
-        """Set the text, the share done and the remaining time from a step of a computation. Raises Cancelled."""
+        """Set the text and the place in the plan from a step of a computation. Raises Cancelled."""
         self.time.step(step)
-        if (now := self.time.estimate()) is not None:
-            self.job.share, self.job.remaining = now.share, now.remaining
         if step.stage != ServiceStage.PLANNED:
             self.report(sentence(step))
 
@@ -113,37 +119,59 @@ Do = Callable[[Mapping[str, Any], JobProgress], Any]
 class Jobs:
     """Queue of jobs, with the thread that runs them.
 
-    `tasks` : name → function of the arguments and a `JobProgress`, whose value is the job's result.
+    `tasks` : name → function of the arguments and a `JobProgress`, whose value is the job's result; `record` : place
+    where jobs that are not over are written down.
     """
 
-    def __init__(self, tasks: Mapping[str, Do], events: Events):
-        self.tasks, self.events = dict(tasks), events
+    def __init__(self, tasks: Mapping[str, Do], events: Events, record: JobRecord | None = None):
+        self.tasks, self.events, self._record = dict(tasks), events, record
+        self._ends = False
+        self._unfinished: dict[int, Job] = {}
         # Numbers do not begin at 1: a page must not confuse a job of an earlier server with a new one.
         self._numbers = itertools.count(int(time.time()))
         self._jobs: dict[int, Job] = {}
         self._queue: queue.Queue[Job | None] = queue.Queue()
-        self._ending = threading.Lock()
+        self._ending, self._writing = threading.Lock(), threading.Lock()
         self._thread = threading.Thread(target=self._work, name="lacet-jobs", daemon=True)
         self._thread.start()
 
     def submit(self, do: str, args: Mapping[str, Any]) -> Job:
-        """Append a job to the queue; the waiting job with the same arguments, where there is one."""
+        """Append a job to the queue; the waiting job with the same arguments, where there is one.
+
+        A lost job with the same arguments is lost no longer.
+        """
         for job in list(self._jobs.values()):
-            if job.state == "waiting" and (job.do, job.args) == (do, args):
-                return job
+            if (job.do, job.args) == (do, args):
+                if job.state == "waiting":
+                    return job
+                if job.state == "lost":
+                    self.cancel(job)
         job = Job(next(self._numbers), do, dict(args), text="waiting")
         self._jobs[job.id] = job
+        self._unfinished[job.id] = job
         for old in [j.id for j in list(self._jobs.values()) if j.over][:-KEPT]:
             self._jobs.pop(old, None)
         self._say(job)
+        self._write()
         self._queue.put(job)
         return job
 
+    def restore(self, unfinished: Sequence[Mapping[str, Any]]) -> None:
+        """Show the jobs that an earlier server did not finish, `do` and `args` of each, as lost.
+
+        They are not started by themselves: whether one had changed the study before its end is for the user to see.
+        """
+        for one in unfinished:
+            job = Job(next(self._numbers), one["do"], one["args"], "lost", "lost when the server ended")
+            job.ended.set()
+            self._jobs[job.id] = self._unfinished[job.id] = job
+
     def cancel(self, job: Job) -> None:
-        """Cancel a job: at once while it waits, within seconds while it runs."""
+        """Cancel a job: at once while it waits, within seconds while it runs; a lost one is dismissed."""
         job.stop.set()
-        if job.state == "waiting":
+        if job.state in ("waiting", "lost"):
             job.state, job.text = "cancelled", "cancelled"
+            self._over(job)
             job.ended.set()
             self._say(job)
         elif job.state == "running" and job.text != "stopping":
@@ -171,13 +199,38 @@ class Jobs:
         """The running job."""
         return next((job for job in list(self._jobs.values()) if job.state == "running"), None)
 
+    def open(self) -> list[Job]:
+        """Jobs that wait, run or were lost, in order: what a page shows."""
+        return [job for job in list(self._jobs.values()) if job.state in ("waiting", "running", "lost")]
+
+    def stop(self) -> None:
+        """Ask all jobs to end with the server; those that are not over remain on the record."""
+        self._ends = True
+        for job in list(self._jobs.values()):
+            job.stop.set()
+
     def close(self, wait: float = 10.0) -> None:
         """Cancel all jobs and end the thread."""
+        self._ends = True
         for job in list(self._jobs.values()):
             if not job.over:
                 self.cancel(job)
         self._queue.put(None)
         self._thread.join(wait)
+        if self._record is not None:
+            self._record.close()
+
+    def _over(self, job: Job) -> None:
+        """Take a job off the record, unless the server's end has cancelled it: then it is lost."""
+        if not (self._ends and job.state == "cancelled"):
+            self._unfinished.pop(job.id, None)
+            self._write()
+
+    def _write(self) -> None:
+        """Record the jobs that are not over."""
+        if self._record is not None:
+            with self._writing:
+                self._record.keep([(job.do, job.args) for job in list(self._unfinished.values())])
 
     def _say(self, job: Job) -> None:
         self.events.publish("job", job.as_data())
@@ -190,7 +243,7 @@ class Jobs:
                     self._one(job)
 
     def _one(self, job: Job) -> None:
-        began = time.monotonic()
+        job.began = time.monotonic()
         job.state, job.text = "running", "starting"
         self._say(job)
         teller = JobProgress(job, self._say)
@@ -204,10 +257,11 @@ class Jobs:
         _raise_in(self._thread, None)  # an interruption that came too late
         job.text = job.state
         teller.time.end(done=job.state == "done")
+        self._over(job)
         job.ended.set()
         gc.collect()
         give_back()
-        job.seconds = time.monotonic() - began
+        job.seconds = time.monotonic() - job.began
         self._say(job)
 
     def _result(self, job: Job, teller: JobProgress) -> str:

@@ -25,6 +25,7 @@ from lacet.daq.errors import LacetError, UsageError
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS
 from lacet.services.workbench.access_guard import Guard, new_token
 from lacet.services.workbench.events import Events, Watch
+from lacet.services.workbench.job_record import JobRecord
 from lacet.services.workbench.jobs import Jobs
 from lacet.services.workbench.live import Live
 from lacet.services.workbench.refusals import DiskFull, Refusal
@@ -74,7 +75,9 @@ def create_app(settings: Settings) -> FastAPI:
         sweep(cache)
         channels = RunChannels(settings.folder)
         files = RunFiles(cache, channels)
-        jobs = Jobs(Tasks(cache, files, settings.draws).by_name(), events)
+        record = JobRecord(settings.folder)
+        jobs = Jobs(Tasks(cache, files, settings.draws).by_name(), events, record)
+        jobs.restore([one for one in record.unfinished() if one["do"] in jobs.tasks and one["do"] != "decode"])
         for capture in undecoded(cache):  # decoding was interrupted with an earlier server
             jobs.submit("decode", {"file": capture.name})
         live, watch = Live(settings.connect, events, settings.credentials), Watch(settings.folder, events)
@@ -137,8 +140,7 @@ class _Server(uvicorn.Server):
         found = getattr(self._app.state, "bench", None)
         if found is not None:
             found.events.close()
-            for job in found.jobs.all():
-                job.stop.set()
+            found.jobs.stop()
         super().handle_exit(sig, frame)
 
 

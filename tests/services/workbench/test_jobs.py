@@ -14,6 +14,7 @@ import pytest
 
 from lacet.daq.errors import UsageError
 from lacet.services.workbench.events import Events
+from lacet.services.workbench.job_record import JobRecord
 from lacet.services.workbench.jobs import Cancelled, Do, JobProgress, Jobs
 from lacet.services.workspace.study import Study
 from tests.identify import cars
@@ -115,6 +116,39 @@ def test_a_job_that_ends_while_it_is_interrupted_is_one_or_the_other(
     last = jobs.submit("short", {})
     assert last.ended.wait(LONG)
     assert last.result == 7
+
+
+def test_what_was_not_over_is_lost_with_the_server_and_can_be_started_again(tmp_path: Path) -> None:
+    """A running and a waiting job; the jobs of another living server are not."""
+    hold, started = threading.Event(), threading.Event()
+
+    def slow(_: Mapping[str, Any], progress: JobProgress) -> None:
+        started.set()
+        while not hold.wait(0.01):
+            progress.check()
+
+    tasks: dict[str, Do] = {"slow": slow, "short": lambda args, __: args["k"]}
+    first = Jobs(tasks, Events(), JobRecord(tmp_path))
+    assert first.submit("short", {"k": 1}).ended.wait(LONG)
+    first.submit("slow", {})
+    first.submit("short", {"k": 2})
+    assert started.wait(LONG)
+    beside = JobRecord(tmp_path)
+    assert beside.unfinished() == []
+    beside.keep([("short", {"k": 3})])
+    first.close()
+    record = JobRecord(tmp_path)
+    second = Jobs(tasks, Events(), record)
+    second.restore(record.unfinished())
+    lost = second.open()
+    assert [(job.do, job.args, job.state) for job in lost] == [("slow", {}, "lost"), ("short", {"k": 2}, "lost")]
+    second.cancel(lost[0])
+    again = second.submit("short", {"k": 2})
+    assert again.ended.wait(LONG)
+    assert again.result == 2
+    assert [job.state for job in lost] == ["cancelled", "cancelled"]
+    second.close()
+    assert JobRecord(tmp_path).unfinished() == []
 
 
 def test_cancelled_is_no_error_of_a_computation() -> None:

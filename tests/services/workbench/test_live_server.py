@@ -54,7 +54,7 @@ def test_started_heard_and_ended(made: Path):
         ):
             assert stream.headers["content-type"].startswith("text/event-stream")
             lines = stream.iter_lines()
-            assert news(lines, "hello") == {"pages": 1}
+            assert news(lines, "hello") == {"pages": 1, "jobs": []}
             number = client.post("/api/jobs", json={"do": "undo", "args": {}}).json()["id"]
             found = news(lines, "job")
             while found["state"] != "failed":
@@ -138,8 +138,8 @@ def test_a_slow_page_loses_old_news_and_is_told():
 
 async def _slow_page() -> None:
     events = Events()
-    stream = events.stream()
-    assert await anext(stream) == "retry: 1000\n\n"
+    stream = events.stream(lambda: {"pages": events.listening})
+    assert await anext(stream) == 'retry: 1000\nevent: hello\ndata: {"pages": 1}\n\n'
     for number in range(WAITING + 20):
         events.publish("job", number)
     await asyncio.sleep(0.05)

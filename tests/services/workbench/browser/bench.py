@@ -65,10 +65,10 @@ class Bench:
 
 
 @contextmanager
-def serving(folder: Path, cwd: Path) -> Iterator[Bench]:
-    """``lacet ui FOLDER`` on any free port, as a process of its own."""
+def serving(folder: Path, cwd: Path, port: int = 0) -> Iterator[Bench]:
+    """``lacet ui FOLDER`` on a port, 0 for any that is free, as a process of its own."""
     with commands() as running:
-        server = Command("ui", folder, "--port", "0", "--draws", DRAWS, cwd=cwd)
+        server = Command("ui", folder, "--port", port, "--draws", DRAWS, cwd=cwd)
         running.append(server)
         server.wait_for("Ctrl-C", 60.0)
         found = re.search(r"http://127\.0\.0\.1:\d+", server.text())

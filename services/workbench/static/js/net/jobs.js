@@ -3,6 +3,7 @@
 import * as api from "./api.js";
 
 const OVER = new Set(["done", "failed", "cancelled"]);
+const OPEN = new Set(["waiting", "running", "lost"]);
 const AGAIN = 2000; // asks for a job's state when no event came, for instance through a proxy that holds events back [ms]
 
 /** A job that was cancelled: not an error worth a message. */
@@ -10,8 +11,9 @@ export class Cancelled extends Error {}
 
 /**
  * Follows the server's events and the jobs started here.
- * @param {{onJob: (job: Object) => void, onStudy: () => void, onLive: (live: Object) => void,
- *          onLink: (up: boolean) => void}} hear
+ * @param {{onJobs: (jobs: Object[]) => void, onJob: (job: Object) => void, onStudy: () => void,
+ *          onLive: (live: Object) => void, onLink: (up: boolean) => void}} hear `onJobs`: all that the server has open,
+ *   in place of what was known before
  */
 export function createJobs(hear) {
   const waiting = new Map();
@@ -20,8 +22,12 @@ export function createJobs(hear) {
 
   function open() {
     source = new EventSource("api/events");
+    source.addEventListener("hello", (e) => all(JSON.parse(e.data).jobs));
     source.addEventListener("job", (e) => take(JSON.parse(e.data)));
-    source.addEventListener("study", () => hear.onStudy());
+    source.addEventListener("study", (e) => {
+      if (JSON.parse(e.data).missed) void again();
+      hear.onStudy();
+    });
     source.addEventListener("live", (e) => hear.onLive(JSON.parse(e.data)));
     source.onopen = () => {
       if (lost) hear.onStudy(); // something may have happened meanwhile
@@ -34,6 +40,27 @@ export function createJobs(hear) {
       // a browser gives up for good when the server answered with an error: try again ourselves
       if (source.readyState === EventSource.CLOSED) setTimeout(open, AGAIN);
     };
+  }
+
+  /** Every job that the server has open; one followed here that is not among them is over, or of an earlier server. */
+  function all(jobs) {
+    hear.onJobs(jobs);
+    for (const job of jobs) take(job);
+    const open = new Set(jobs.map((job) => job.id));
+    for (const [id, entry] of waiting) {
+      if (open.has(id)) continue;
+      entry.heard = 0;
+      void load(id, entry);
+    }
+  }
+
+  /** Events were lost on the way: asks for what they said. */
+  async function again() {
+    try {
+      all((await api.get("api/jobs")).filter((job) => OPEN.has(job.state)));
+    } catch {
+      // no answer: the next connection begins with all jobs
+    }
   }
 
   function take(job) {
@@ -70,7 +97,7 @@ export function createJobs(hear) {
         entry.over = true;
         clearInterval(entry.timer);
         waiting.delete(id);
-        entry.reject(new Error("The server was started anew and does not know this work any more: start it again."));
+        entry.reject(new Error("The server was started anew and this work was lost: start it again."));
       }
     }
   }

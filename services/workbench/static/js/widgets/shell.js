@@ -32,37 +32,36 @@ function part(job) {
 }
 
 /** Share done and time left, which runs down between two events; else the seconds since it began. */
-function timeOf(job, seconds) {
-  if (job.share === null || job.share === undefined) return `${seconds} s`;
+function timeOf(job) {
+  const since = (Date.now() - job.heard) / 1000;
+  const seconds = `${Math.floor((job.elapsed ?? 0) + since)} s`;
+  if (job.share === null || job.share === undefined) return seconds;
   const share = `${Math.round(100 * job.share)} %`;
-  if (job.remaining === null || job.remaining === undefined) return share;
-  const wait = Math.max(1, Math.round(job.remaining - (Date.now() - job.heard) / 1000));
-  return `${share}, about ${wait < 100 ? `${wait} s` : `${(wait / 60).toFixed(wait < 600 ? 1 : 0)} min`} left`;
+  if (job.remaining === null || job.remaining === undefined) return `${share} in ${seconds}`;
+  const wait = Math.max(1, Math.round(job.remaining - since));
+  return `${share} in ${seconds}, about ${wait < 100 ? `${wait} s` : `${(wait / 60).toFixed(wait < 600 ? 1 : 0)} min`} left`;
 }
 
 /**
- * The bar: always there and always as high, so that nothing moves when work begins.
+ * The bar: always there and always as high, so that nothing moves when work begins. It shows the server's jobs.
  * @param {HTMLElement} root
- * @param {{cancel: (id: string) => void}} act
- * @returns {{job: (job: Object) => void, link: (up: boolean) => void, study: (study: Object) => void}}
+ * @param {{cancel: (id: number) => void, again: (job: Object) => void}} act
+ * @returns {{jobs: (all: Object[]) => void, job: (job: Object) => void, link: (up: boolean) => void,
+ *   study: (study: Object) => void, say: (words: string) => void}}
  */
-export function createJobBar(root, { cancel }) {
+export function createJobBar(root, { cancel, again }) {
   const text = h("span", { class: "job-text", role: "status", text: "Nothing is running." });
-  const time = h("span", { class: "job-time num" });
+  const time = h("span", { class: "job-time num", "data-testid": "job-time" });
   const meter = h("progress", { class: "job-meter", max: "1", value: 0, "aria-label": "progress of the work" });
-  const button = h("button", {
-    type: "button",
-    class: "small",
-    "data-testid": "job-cancel",
-    disabled: true,
-    text: "Cancel",
-  });
+  const small = (testid, words, onclick) => h("button", { type: "button", class: "small", "data-testid": testid, onclick, text: words });
+  const button = small("job-cancel", "Cancel", () => present() && cancel(present().id));
+  const restart = small("job-again", "Start again", () => lost().forEach(again));
+  const dismiss = small("job-dismiss", "Dismiss", () => lost().forEach((job) => cancel(job.id)));
   const state = h("span", { class: "job-state", role: "status", "aria-live": "polite" });
   const note = h("span", { class: "job-note" });
   root.setAttribute("data-testid", "job-bar");
-  root.append(state, text, time, meter, button, note);
-  const running = new Map();
-  const began = new Map();
+  root.append(state, text, time, meter, button, restart, dismiss, note);
+  const open = new Map(); // jobs that wait, run or were lost, by number
   const over = new Set();
   let said = "";
   let last = null;
@@ -70,93 +69,92 @@ export function createJobBar(root, { cancel }) {
   let other = false;
   let warnings = [];
 
-  button.addEventListener("click", () => {
-    const job = present();
-    if (job) cancel(job.id);
-  });
-
-  function present() {
-    const all = [...running.values()];
-    return all.find((j) => j.state === "running") ?? all[0] ?? null;
-  }
+  const inState = (...states) => [...open.values()].filter((job) => states.includes(job.state));
+  const present = () => inState("running")[0] ?? inState("waiting")[0] ?? null;
+  const lost = () => inState("lost");
 
   function tick() {
     const job = present();
-    const since = job && began.get(job.id);
-    time.textContent = since && job.state === "running" ? timeOf(job, Math.floor((Date.now() - since) / 1000)) : "";
+    time.textContent = up && job?.state === "running" ? timeOf(job) : "";
   }
 
-  function draw(now) {
-    last = now ?? null;
+  /** What is shown, in words: state of the bar, what it is about, what is to say of it. */
+  function words() {
     const job = present();
-    if (job && !began.has(job.id)) began.set(job.id, Date.now());
-    tick();
-    root.dataset.state = job ? job.state : last?.state === "failed" ? "failed" : "idle";
-    button.disabled = !job;
+    if (!up) return ["down", "No answer from the server", "Trying again. Is lacet ui still running?"];
     if (job) {
       const count = job.total && !/\d of \d/.test(job.text ?? "") ? ` (${job.done} of ${job.total})` : "";
-      const behind = running.size > 1 ? `; ${running.size - 1} more waiting` : "";
-      state.textContent = doing(job);
-      text.textContent = `${job.state === "waiting" ? "waits for its turn" : job.text || "at work"}${count}${behind}`;
-      // work without a plan shows its seconds; a bar that only swings says nothing and costs a processor's time
-      meter.hidden = part(job) === null;
-      meter.value = part(job) ?? 0;
-    } else {
-      meter.value = 0;
-      if (said) {
-        state.textContent = "Ready";
-        text.textContent = said;
-      } else if (last) {
-        state.textContent = `${doing(last)}: ${{ done: "done", failed: "failed", cancelled: "cancelled" }[last.state]}`;
-        text.textContent = last.state === "failed" ? (last.error ?? "") : "";
-      } else {
-        state.textContent = "Ready";
-        text.textContent = "Nothing is running.";
-      }
+      const more = inState("running", "waiting").length - 1;
+      const step = job.state === "waiting" ? "waits for its turn" : job.text || "at work";
+      return [job.state, doing(job), `${step}${count}${more ? `; ${more} more waiting` : ""}`];
     }
-    text.title = text.textContent;
-    const warning = !up
-      ? "No answer from the server: trying again. Is lacet ui still running?"
-      : other
-        ? "Another program is writing to this study. Does that stay and none is? Remove the file .writing of its folder."
-        : warnings.length
-          ? warnings.join("; ")
-          : "";
-    note.textContent = warning;
-    note.title = warning;
-    note.classList.toggle("bad", !up || other);
+    if (lost().length) return ["lost", "Lost when the server ended", lost().map(doing).join("; ")];
+    if (said) return ["idle", "Ready", said];
+    if (!last) return ["idle", "Ready", "Nothing is running."];
+    const ended = { done: "done", failed: "failed", cancelled: "cancelled" }[last.state];
+    return [last.state === "failed" ? "failed" : "idle", `${doing(last)}: ${ended}`, last.state === "failed" ? (last.error ?? "") : ""];
+  }
+
+  function draw() {
+    const job = present();
+    const [kind, about, says] = words();
+    tick();
+    root.dataset.state = kind;
+    state.textContent = about;
+    text.textContent = text.title = says;
+    button.hidden = kind === "lost";
+    button.disabled = !up || !job;
+    restart.hidden = dismiss.hidden = kind !== "lost";
+    // work without a plan shows its seconds; a bar that only swings says nothing and costs a processor's time
+    meter.classList.toggle("unseen", !up || !job || part(job) === null);
+    meter.value = (job && part(job)) ?? 0;
+    note.textContent = note.title = other
+      ? "Another program is writing to this study. Does that stay and none is? Remove the file .writing of its folder."
+      : warnings.join("; ");
+    note.classList.toggle("bad", other);
+  }
+
+  /** Takes over what the server says of a job. */
+  function take(job) {
+    if (over.has(job.id)) return; // a late event of work that is done
+    job.heard = Date.now();
+    if (["running", "waiting", "lost"].includes(job.state)) open.set(job.id, job);
+    else {
+      over.add(job.id);
+      open.delete(job.id);
+    }
   }
 
   draw();
   setInterval(tick, 1000);
   return {
+    /** All that the server has open, at every connection: nothing else is at work. */
+    jobs(all) {
+      open.clear();
+      for (const job of all) take(job);
+      draw();
+    },
     job(job) {
-      if (over.has(job.id)) return; // a late event of work that is done
-      job.heard = Date.now();
+      const dismissed = open.get(job.id)?.state === "lost";
+      take(job);
       said = "";
-      if (job.state === "running" || job.state === "waiting") running.set(job.id, job);
-      else {
-        over.add(job.id);
-        running.delete(job.id);
-        began.delete(job.id);
-      }
-      draw(job);
+      last = open.has(job.id) || dismissed ? null : job;
+      draw();
     },
     /** What came of the last work, in a sentence; it stays until other work begins. */
-    say(words) {
-      said = words;
+    say(sentence) {
+      said = sentence;
       draw();
     },
     link(now) {
       if (now === up) return;
       up = now;
-      draw(last);
+      draw();
     },
     study(study) {
       other = Boolean(study.other_writer);
       warnings = study.warnings ?? [];
-      if (study.busy && !running.has(study.busy.id) && !over.has(study.busy.id)) running.set(study.busy.id, study.busy);
-      draw(last);
+      draw();
     },
   };
 }
