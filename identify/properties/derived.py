@@ -42,12 +42,17 @@ class ImpossibleCar:
 
 @dataclass(frozen=True)
 class Derived:
-    """One derived value with `half` of its 95 % interval; `why` is the reason where it is not `determined`."""
+    """One derived value; `why` is the reason where it is not `determined`.
+
+    `half` is half of its 95 % interval from noise and from what the runs leave open; `half_sheet` the same with what
+    the sensor sheet's gains and latencies may add.
+    """
 
     name: str
     value: float
     unit: str
     half: float
+    half_sheet: float
     determined: bool
     why: OpenParameters | RowMissing | ImpossibleCar | None
 
@@ -84,7 +89,11 @@ def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[
     unseen = np.array([row is not None for row in rows])
     moved = (np.abs(by_number) > 0.0) & unseen
     usable = np.isfinite(values) & np.all(np.isfinite(slopes), axis=1)
-    spread = knowledge.spread(np.where(usable[:, None], slopes, 0.0))
+    finite = np.where(usable[:, None], slopes, 0.0)
+    spread = knowledge.spread(finite)
+    p = finite.shape[1]
+    sheet = np.einsum("ij,jk,ik->i", finite, fitted.covariance_sheet[:p, :p], finite)
+    with_sheet = np.hypot(spread, np.sqrt(np.maximum(0.0, sheet)))
     out: list[Derived] = []
     for k, name in enumerate(names):
         half = 1.96 * float(spread[k])
@@ -100,7 +109,8 @@ def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[
                 why = ImpossibleCar()
             blind = next((row for row, at in zip(rows, moved[k] if usable[k] else unseen, strict=True) if at), None)
             why = _not_measured(fitted, name) or (_missing(fitted, blind) if blind else None) or why
-        out.append(Derived(name, float(values[k]), units[k], half, determined, why))
+        half_sheet = 1.96 * float(with_sheet[k])
+        out.append(Derived(name, float(values[k]), units[k], half, half_sheet, determined, why))
     return out
 
 
@@ -121,7 +131,7 @@ def sum_of_bars(fitted: Fit, knowledge: Knowledge) -> list[Derived]:
     determined = half <= WIDE * abs(value)
     which = () if determined else knowledge.responsible(np.outer(slope, slope), (WIDE * value / 1.96) ** 2)
     why = None if determined else knowledge.open_parameters(which)
-    return [Derived("anti_roll_bars.k", value, "N/m", half, determined, why)]
+    return [Derived("anti_roll_bars.k", value, "N/m", half, half, determined, why)]
 
 
 def _values(x: Array, vehicle: Vehicle) -> tuple[list[str], list[str], Array]:

@@ -29,6 +29,7 @@ A study is a folder of text files: the runs used and held out, every version of 
   lacet study new DIR --use sinus.mcap rough.mcap --hold braking.mcap      make one and fit the base model
   lacet study DIR                                                          how the error fell, version by version
   lacet study DIR --report report.html                                     the same with pictures, in one file
+  lacet study DIR --report report.md                                       its first page and tables in Markdown
   lacet study DIR --version 2                                              go to any version
   lacet study DIR --clear-cache                                            remove what was computed, versions apart"""
 
@@ -50,7 +51,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"noise-floor simulations of a diagnosis (default {DEFAULT_DRAWS})",
     )
     parser.add_argument("--cutoff", metavar="HZ", type=float, help="cut-off of the fit (default 6 Hz)")
-    parser.add_argument("--report", metavar="FILE", type=Path, help="write a report with pictures, one HTML file")
+    parser.add_argument(
+        "--report", metavar="FILE", type=Path, help="write a report: one HTML file, or Markdown (.md) with a picture"
+    )
     parser.add_argument("--version", type=int, help="go to a version")
     parser.add_argument(
         "--clear-cache", action="store_true", help="remove the values computed for the study (they are made anew)"

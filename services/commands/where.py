@@ -54,9 +54,9 @@ def run(args: argparse.Namespace) -> int:
         if args.report:
             write_where(session, version, found, args.report, [args.row, args.only_run])
     print(f"{failure_sentences(found)}\n")
-    print(f"Error ÷ noise floor by phase:\n{phase_table(found)}\n")
-    print(f"What the error follows (part of its squares in cross-validation):\n{follows_table(found)}\n")
-    print(f"Left to explain (history: beyond the present states):\n{explainable_table(found)}")
+    print(f"Error ÷ noise floor by phase:\n{phase_table(found).text}\n")
+    print(f"What the error follows (part of its squares in cross-validation):\n{follows_table(found).text}\n")
+    print(f"Left to explain (history: beyond the present states):\n{explainable_table(found).text}")
     if args.report:
         print(f"\nreport: {args.report}")
     report = {"report": args.report} if args.report else {}

@@ -15,26 +15,29 @@ from lacet.services.render.figures.failure_plots import (
     spectrum_charts,
     surface_figure,
 )
-from lacet.services.render.html import details, page, picture, pre, section
+from lacet.services.render.html import details, page, picture, section, table_html
 
 MOST_ROWS = 3
 """Number of rows shown in pictures; the others are in the tables."""
 
 
 def where_pieces(found: FailureAnalysis) -> list[str]:
-    """The failure analysis as sections of HTML, the map first."""
+    """The failure analysis as sections of HTML, the map first; one line where nothing fails or is unexplained."""
+    unexplained = any(x.something or x.depends_on_history for x in found.explainable.values())
+    if not found.failing and not unexplained:
+        return [f"<p>{html.escape(failure_sentences(found))}</p>"]
     out = [
         f'<p class="big">{html.escape(failure_sentences(found))}</p>',
         picture(map_figure(found.parts, found.phases)),
         f"<h3>By phase</h3>{picture(phase_figure(found.in_phase))}",
-        details("the table", pre(phase_table(found))),
+        details("the table", table_html(phase_table(found))),
     ]
     if found.explainable:
         out += [
             f"<h3>How much is left to explain</h3>{picture(explainable_figure(found.explainable))}",
-            pre(explainable_table(found)),
+            table_html(explainable_table(found)),
         ]
-    out.append(f"<h3>What the error follows</h3>{pre(follows_table(found))}")
+    out.append(f"<h3>What the error follows</h3>{table_html(follows_table(found))}")
     for k, row in enumerate(found.worst[:MOST_ROWS]):
         own: list[str] = []
         if against := found.against[row]:

@@ -8,7 +8,9 @@ from lacet.identify.car.rows import Row
 from lacet.identify.validation.failure_analysis import FailureAnalysis
 from lacet.identify.validation.residual_map import InPhase
 from lacet.identify.validation.score import fails
-from lacet.services.render.tables import table
+from lacet.services.render.tables import Table
+
+TOO_SHORT = "  (runs too short to tell)"
 
 
 def failure_sentences(found: FailureAnalysis) -> str:
@@ -44,7 +46,7 @@ def _ratio(rows: Mapping[Row, InPhase], row: Row) -> float:
     return rows[row].ratio if row in rows else 0.0
 
 
-def phase_table(found: FailureAnalysis, most: int = 6) -> str:
+def phase_table(found: FailureAnalysis, most: int = 6) -> Table:
     """Residual ÷ floor of the worst rows in each phase."""
     rows = sorted(found.ratios, key=lambda r: -found.ratios[r])
     rows = [*found.worst[:most], *(r for r in rows if r not in found.worst)][:most]
@@ -57,20 +59,20 @@ def phase_table(found: FailureAnalysis, most: int = 6) -> str:
         for phase, own in found.in_phase.items()
     ]
     lines.append(["all phases", "", *(f"{found.ratios[r]:.2f}" for r in rows)])
-    return table(["phase", "seconds", *rows], lines)
+    return Table(["phase", "seconds", *rows], lines)
 
 
-def follows_table(found: FailureAnalysis, most: int = 3) -> str:
+def follows_table(found: FailureAnalysis, most: int = 3) -> Table:
     """The states that the residual of each of the worst rows depends on."""
     lines = [
         [row if k == 0 else "", f.state, f"{100 * f.part:.0f} %", f"{f.rms:.3g} {f.row_unit}", f"{f.p:.2g}"]
         for row in found.worst
         for k, f in enumerate(found.follows.get(row, [])[:most])
     ]
-    return table(["row", "state", "part", "RMS", "p"], lines, text_columns=2) if lines else "  (runs too short to tell)"
+    return Table(["row", "state", "part", "RMS", "p"], lines, text_columns=2, note="" if lines else TOO_SHORT)
 
 
-def explainable_table(found: FailureAnalysis) -> str:
+def explainable_table(found: FailureAnalysis) -> Table:
     """Explainable residual, row by row."""
     lines = [
         [
@@ -81,4 +83,4 @@ def explainable_table(found: FailureAnalysis) -> str:
         for row, x in found.explainable.items()
     ]  # fmt: skip
     head = ["row", "residual", "floor", "", "follows states", "95 %", "RMS", "p", "history", "p"]
-    return table(head, lines) if lines else "  (runs too short to tell)"
+    return Table(head, lines, note="" if lines else TOO_SHORT)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from lacet.identify.validation.score import fails, pooled_ratio, row_ratios, worst_row
@@ -22,6 +23,36 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], text_columns: int 
     return "\n".join([line(head), line(["-" * w for w in widths]), *(line(row) for row in rows)])
 
 
+@dataclass(frozen=True)
+class Table:
+    """A table as values, for text, HTML and Markdown alike.
+
+    `head` and `rows` are cells, the first `text_columns` of words and the others of numbers; `note` stands below.
+    """
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    text_columns: int = 1
+    note: str = ""
+
+    @property
+    def text(self) -> str:
+        """The table in aligned columns; only its note where it has no rows."""
+        if self.note and not self.rows:
+            return self.note
+        drawn = table(self.head, self.rows, self.text_columns)
+        return f"{drawn}\n{self.note}" if self.note else drawn
+
+
+def bare_intervals(found: Table) -> Table:
+    """A table with the ± of half intervals in the head of their column, instead of in every cell."""
+    columns = [[row[k] for row in found.rows] for k in range(len(found.head))]
+    half = [any(cell.startswith("± ") for cell in column) for column in columns]
+    head = [f"± {name}" if own else name for name, own in zip(found.head, half, strict=True)]
+    rows = [[cell.removeprefix("± ") for cell in row] for row in found.rows]
+    return replace(found, head=head, rows=rows)
+
+
 def number(value: float, half: float | None = None) -> str:
     """A value to the digits its interval justifies."""
     if half is None or not 0.0 < half < float("inf"):
@@ -36,6 +67,15 @@ def _exponent(value: float) -> int:
 
 def parameters(result: Mapping[str, Any]) -> str:
     """The parameters of a fit with their intervals side by side, and the whole vehicle's values."""
+    text = parameter_table(result).text
+    if result["whole_vehicle"]:
+        title, whole = whole_vehicle_table(result)
+        text += f"\n\n{title}:\n{whole.text}"
+    return text
+
+
+def parameter_table(result: Mapping[str, Any]) -> Table:
+    """The parameters of a fit with their intervals side by side."""
     drawn = any(p["half95_bootstrap"] is not None for p in result["parameters"])
     rows = [
         [
@@ -60,22 +100,22 @@ def parameters(result: Mapping[str, Any]) -> str:
         "sxr %",
         "stands for",
     ]
-    text = table(head, rows)
-    if result["whole_vehicle"]:
-        whole = [
-            [
-                w["name"], number(w["value"], w["half95"]), f"± {number(w['half95'], w['half95'])}",
-                f"± {number(w['half95_sheet'], w['half95_sheet'])}", w["unit"],
-            ]
-            if w["identifiable"]
-            else [w["name"], "not identifiable", "", "", w["unit"]]
-            for w in result["whole_vehicle"]
-        ]  # fmt: skip
-        about = "inboard of the dynamometers" if result["wheel_reference"] == "hub" else "wheels included"
-        text += f"\n\nWhole vehicle at design height ({about}):\n" + table(
-            ["value", "", "95 %", "with sheet", "unit"], whole
-        )
-    return text
+    return Table(head, rows)
+
+
+def whole_vehicle_table(result: Mapping[str, Any]) -> tuple[str, Table]:
+    """Title and table of the whole vehicle's values."""
+    rows = [
+        [
+            w["name"], number(w["value"], w["half95"]), f"± {number(w['half95'], w['half95'])}",
+            f"± {number(w['half95_sheet'], w['half95_sheet'])}", w["unit"],
+        ]
+        if w["identifiable"]
+        else [w["name"], "not identifiable", "", "", w["unit"]]
+        for w in result["whole_vehicle"]
+    ]  # fmt: skip
+    about = "inboard of the dynamometers" if result["wheel_reference"] == "hub" else "wheels included"
+    return f"Whole vehicle at design height ({about})", Table(["value", "", "95 %", "with sheet", "unit"], rows)
 
 
 def derived(result: Mapping[str, Any]) -> str:
@@ -108,6 +148,20 @@ def _derived(d: Mapping[str, Any]) -> str:
     return f"{number(d['value'], d['half95'])} ± {number(d['half95'], d['half95'])}"
 
 
+def derived_table(result: Mapping[str, Any]) -> Table:
+    """Derived values with their intervals, one a line; without those that are zero, as of bars that the car has not."""
+    lines: list[list[str]] = []
+    for d in result.get("derived") or []:
+        half, sheet, unit = d["half95"], d.get("half95_sheet", d["half95"]), d["unit"].replace("1", "-")
+        if not d["identifiable"]:
+            lines.append([d["name"], "not determined", "", "", unit])
+        elif d["value"] != 0.0:
+            lines.append(
+                [d["name"], number(d["value"], half), f"± {number(half, half)}", f"± {number(sheet, sheet)}", unit]
+            )
+    return Table(["derived value", "value", "95 %", "with sheet", "unit"], lines)
+
+
 def not_derived(result: Mapping[str, Any]) -> str:
     """Why derived values are not determined, those with one reason together."""
     alike: dict[str, list[str]] = {}
@@ -119,6 +173,12 @@ def not_derived(result: Mapping[str, Any]) -> str:
 
 def ranges(result: Mapping[str, Any]) -> str:
     """Ranges of the states covered by the runs, within which every verdict holds."""
+    found = ranges_table(result)
+    return found.text if found.rows else ""
+
+
+def ranges_table(result: Mapping[str, Any]) -> Table:
+    """Ranges of the states covered by the runs; without rows where none is known."""
     seen = result.get("ranges") or {}
     lines: list[list[str]] = []
     for kind, factor, unit in (("travel", *TRAVEL), ("rate", *TRAVEL_RATE), ("load", 1.0, "N")):
@@ -135,7 +195,7 @@ def ranges(result: Mapping[str, Any]) -> str:
             digits = 0 if kind == "speed" else 1
             low, high = factor * seen[kind]["low"], factor * seen[kind]["high"]
             lines.append([name, f"{low:.{digits}f} to {high:.{digits}f}", unit])
-    return table(["these runs cover", "", "unit"], lines, text_columns=2) if lines else ""
+    return Table(["these runs cover", "", "unit"], lines, text_columns=2)
 
 
 def bad_seconds(result: Mapping[str, Any], most: int = 12) -> str:
@@ -154,6 +214,11 @@ def unknowns(result: Mapping[str, Any]) -> str:
 
 def rows(scored: Mapping[str, Mapping[str, Any]]) -> str:
     """Scores of every row of every run."""
+    return rows_table(scored).text
+
+
+def rows_table(scored: Mapping[str, Mapping[str, Any]]) -> Table:
+    """Scores of every row of every run."""
     lines = [
         [
             run, row, number(s["rms"], s["rms"]), s["unit"], f"{s['nrmse']:.2f}", f"{s['vaf']:.2f}",
@@ -163,10 +228,9 @@ def rows(scored: Mapping[str, Mapping[str, Any]]) -> str:
         for row, s in part.items()
     ]  # fmt: skip
     head = ["run", "row", "rms", "unit", "NRMSE %", "VAF %", "floor", "rms ÷ floor", "residual"]
-    text = table(head, lines, text_columns=2)
-    if any(not s.get("judged", True) for part in scored.values() for s in part.values()):
-        text += "\n  ? cannot be judged: the runs used leave open what this row needs"
-    return text
+    unsure = any(not s.get("judged", True) for part in scored.values() for s in part.values())
+    note = "  ? cannot be judged: the runs used leave open what this row needs" if unsure else ""
+    return Table(head, lines, text_columns=2, note=note)
 
 
 def _mark(score: Mapping[str, Any]) -> str:
@@ -178,6 +242,11 @@ def _mark(score: Mapping[str, Any]) -> str:
 
 def candidates(result: Mapping[str, Any], most: int = 12) -> str:
     """The ranking of a diagnosis."""
+    return candidate_table(result, most).text
+
+
+def candidate_table(result: Mapping[str, Any], most: int = 12) -> Table:
+    """The ranking of a diagnosis, the first `most` of it; below it what cannot be tested."""
     lines = [
         [
             c["effect"], c["answer"], f"{100 * c['gain']:.1f}", f"{c['gain_rms']:.3g}", f"{c['p']:.3f}",
@@ -187,19 +256,18 @@ def candidates(result: Mapping[str, Any], most: int = 12) -> str:
         for c in result["candidates"]
         if c["answer"] != "not testable"
     ][:most]  # fmt: skip
-    text = table(
-        ["effect", "answer", "gain %", "gain N", "p", "margin", "blocks", "cannot be told apart from"],
-        lines,
-        text_columns=2,
-    )
+    head = ["effect", "answer", "gain %", "gain N", "p", "margin", "blocks", "cannot be told apart from"]
+    rest = "\n".join(f"    {line}" for line in _not_testable(result))
+    return Table(head, lines, text_columns=2, note=f"  not testable with these runs:\n{rest}" if rest else "")
+
+
+def _not_testable(result: Mapping[str, Any]) -> list[str]:
+    """Effects of a diagnosis that cannot be tested with its runs, those with one reason in a line."""
     rest: dict[str, list[str]] = {}
     for c in result["candidates"]:
         if c["answer"] == "not testable":
             rest.setdefault(c.get("short", ""), []).append(c["effect"])
-    if rest:
-        lines = [f"    {', '.join(_in_families(keys))}{why and f' ({why})'}" for why, keys in rest.items()]
-        text += "\n  not testable with these runs:\n" + "\n".join(lines)
-    return text
+    return [f"{', '.join(_in_families(keys))}{why and f' ({why})'}" for why, keys in rest.items()]
 
 
 def _in_families(keys: Sequence[str], most: int = 3) -> list[str]:
@@ -229,6 +297,11 @@ def fall_by_row(versions: Sequence[Any]) -> str:
 
 def history(versions: Sequence[Any]) -> str:
     """Fall of the error, version by version."""
+    return history_table(versions).text
+
+
+def history_table(versions: Sequence[Any]) -> Table:
+    """Fall of the error, version by version."""
     lines: list[list[str]] = []
     for v in versions:
         used, held = v.result["rows"]["used"], v.result["rows"]["held"]
@@ -239,7 +312,5 @@ def history(versions: Sequence[Any]) -> str:
             ]
         )  # fmt: skip
     head = ["version", "what changed", "used", "worst row", "held out", "worst row"]
-    return (
-        table(head, lines, text_columns=2)
-        + "\n  (residual ÷ noise floor, root mean square over rows; 1.00 is the floor)"
-    )
+    note = "  (residual ÷ noise floor, root mean square over rows; 1.00 is the floor)"
+    return Table(head, lines, text_columns=2, note=note)

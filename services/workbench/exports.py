@@ -13,11 +13,8 @@ from lacet.services.exports.tables import csv_text
 from lacet.services.workbench.refusals import Needs
 from lacet.services.workbench.session_cache import SessionCache
 from lacet.services.workbench.study_views import parameters_payload
-from lacet.services.workbench.tasks import REPORT
+from lacet.services.workbench.tasks import MARKDOWN, PICTURE, REPORT
 from lacet.services.workspace.results import study_result
-
-_REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox"
-"""Content security policy of the report: one file with its styles and pictures, without scripts."""
 
 
 @dataclass(frozen=True)
@@ -32,10 +29,35 @@ class File:
 
 def report(cache: SessionCache) -> File:
     """The last report written. Raises Needs when there is none newer than the study's last change."""
-    file = cache.folder / REPORT
+    return File(f"{_name(cache)}-report.html", "text/html", _written(cache, REPORT), report_policy())
+
+
+def report_policy() -> str:
+    """Content security policy of the report: one file with its styles, its pictures and the script of its curves."""
+    from lacet.services.render.figures.curves import SCRIPT_HASH  # only here: matplotlib takes half a second to load
+
+    return (
+        f"default-src 'none'; style-src 'unsafe-inline'; script-src '{SCRIPT_HASH}'; img-src data:; "
+        "sandbox allow-scripts"
+    )
+
+
+def markdown(cache: SessionCache) -> File:
+    """The same in Markdown: first page and tables."""
+    return File(f"{_name(cache)}-report.md", "text/markdown; charset=utf-8", _written(cache, MARKDOWN))
+
+
+def picture(cache: SessionCache) -> File:
+    """The picture of the first page, under the name that the Markdown has for it."""
+    return File(PICTURE, "image/png", _written(cache, PICTURE))
+
+
+def _written(cache: SessionCache, name: str) -> bytes:
+    """A file of the last report. Raises Needs when there is none newer than the study's last change."""
+    file = cache.folder / name
     if not file.is_file() or file.stat().st_mtime < (cache.folder / "study.json").stat().st_mtime:
         raise Needs("report", "the report of the present version has not been written yet")
-    return File(f"{_name(cache)}-report.html", "text/html", file.read_bytes(), _REPORT_POLICY)
+    return file.read_bytes()
 
 
 def parameters(cache: SessionCache) -> File:
@@ -82,8 +104,13 @@ def study(cache: SessionCache) -> File:
 
 
 MAKERS: dict[str, Callable[[SessionCache], File]] = {
-    REPORT: report, "parameters.csv": parameters, "versions.csv": versions, "study.json": study,
-}  # fmt: skip
+    REPORT: report,
+    MARKDOWN: markdown,
+    PICTURE: picture,
+    "parameters.csv": parameters,
+    "versions.csv": versions,
+    "study.json": study,
+}
 
 
 def _table(name: str, head: Sequence[str], rows: Iterable[Sequence[Any]]) -> File:

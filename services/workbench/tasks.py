@@ -23,7 +23,8 @@ from lacet.services.workspace.results import change_result, diagnosis_result, st
 from lacet.services.workspace.session import MOST_EFFECTS, Session
 from lacet.services.workspace.study import Study
 
-REPORT = "report.html"
+REPORT, MARKDOWN, PICTURE = "report.html", "report.md", "report.png"
+"""Files of the report in the study's folder: whole, its first page with tables, and that page's picture."""
 Found = TypeVar("Found")
 
 
@@ -147,7 +148,9 @@ class Tasks:
     def report(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
         """Write the report into the study's folder."""
         file = self.cache.folder / REPORT
-        write_report(self.cache.session(self.cache.study, teller.progress), file)
+        session = self.cache.session(self.cache.study, teller.progress)
+        write_report(session, file.with_name(MARKDOWN))
+        write_report(session, file)
         return {"report": REPORT, "bytes": file.stat().st_size}
 
     # -- the model ----------------------------------------------------------------------------------------------------

@@ -51,6 +51,7 @@ def fit_result(
                     "value": d.value,
                     "unit": d.unit,
                     "half95": d.half,
+                    "half95_sheet": d.half_sheet,
                     "identifiable": d.determined,
                     "why": not_derived(d.why),
                 }

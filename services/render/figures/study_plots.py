@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from lacet.services.render.rows import colour_words
 WIDTH = 1180.0
 """Width of a picture as wide as a page's text [px]."""
 _COLUMNS = 2
+_BROAD = 900.0
+"""Width of a picture on the first page, which is an upright sheet of paper when printed [px]."""
 
 
 def comparison_charts(part: Comparison, rows: Sequence[Row] | None = None) -> Panels:
@@ -32,15 +35,33 @@ def comparison_charts(part: Comparison, rows: Sequence[Row] | None = None) -> Pa
 def _row(part: Comparison, row: Row) -> Panel:
     t, level = part.t[row], float(np.mean(part.measured[row]))
     score = part.scores[row]
-    title = f"{row} [{score.unit}]   error {score.rms:.3g}, {score.ratio:.2f} × floor; {colour_words(score)}"
-    if not score.judged:
-        title += f"\ncannot be judged: {open_parameters(score.why).partition(' not ')[0]} left open by the runs used"
+    title = row_title(part, row)
     marks = [
         Line(t, part.measured[row], MEASURED, "measured", width=1.6),
         Line(t, part.modelled[row], MODEL, "model", width=1.1),
         Line(t, part.residual(row) + level, ERROR, "error (about the mean)", width=0.9),
     ]
     return Panel(title, marks, Axis("time [s]"), colour=MEASURED if score.judged else FAULT, tight=True)
+
+
+def row_title(part: Comparison, row: Row) -> str:
+    """Unit, error and verdict of a row of a run, in one or two lines."""
+    score = part.scores[row]
+    title = f"{row} [{score.unit}]   error {score.rms:.3g}, {score.ratio:.2f} × floor; {colour_words(score)}"
+    if score.judged:
+        return title
+    return f"{title}\ncannot be judged: {open_parameters(score.why).partition(' not ')[0]} left open by the runs used"
+
+
+def before_after_charts(before: Comparison, after: Comparison, row: Row) -> Panels:
+    """A row of one run with the base model and with the present one, below each other on one scale."""
+    parts = [before] if before is after else [before, after]
+    panels = [_row(part, row) for part in parts]
+    ends = [panel.limits()[1] for panel in panels]
+    axis = Axis(low=min(low for low, _ in ends), high=max(high for _, high in ends))
+    names = ("Base model: ", "Present model: ")
+    panels = [replace(panel, title=name + panel.title, y=axis) for name, panel in zip(names, panels, strict=False)]
+    return Panels(f"{row} of run {after.name}", panels, 1, (_BROAD, 165.0))
 
 
 def fall_figure(versions: Sequence[Any]) -> Figure:

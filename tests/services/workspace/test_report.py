@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import html
+import json
 import re
+import shutil
+from dataclasses import replace
+from importlib import metadata
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import lacet.services.workspace.report
+from lacet.identify.car.rows import Row
+from lacet.identify.validation.score import pooled_ratio
+from lacet.services.render.failure_report import where_pieces
+from lacet.services.render.figures.curves import SCRIPT, SCRIPT_HASH, curves_html
+from lacet.services.render.tables import number
+from lacet.services.workbench.exports import report_policy
 from lacet.services.workbench.session_cache import SessionCache
 from lacet.services.workspace.report import write_report
 from lacet.services.workspace.session import Session
@@ -28,15 +44,99 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_it_is_small_and_has_a_picture_of_every_row(written: Path):
+def _curves(text: str) -> dict[str, dict[str, Any]]:
+    """Curves of the rows of each run, by the title of its part."""
+    found = re.findall(
+        r"<summary>(Run [^<]*)</summary>.*?<script type=\"application/json\">(.*?)</script>", text, re.DOTALL
+    )
+    return {title: {row["row"]: row for row in json.loads(body)} for title, body in found}
+
+
+def _values(curve: dict[str, Any]) -> NDArray[np.float64]:
+    codes = np.frombuffer(base64.b64decode(curve["data"]), "<u2")
+    return np.where(codes == 65535, np.nan, curve["low"] + curve["step"] * codes.astype(float))
+
+
+def test_it_is_small_and_the_curves_of_every_row_have_its_error(written: Path):
     text = (written / "report.html").read_text(encoding="utf-8")
     assert 100_000 < len(text.encode()) < MOST
-    study = Study.open(written)
-    pictures = re.findall(r"<figure>(.*?)</figure>", text, re.DOTALL)
-    for kind, name in (("used", "sine"), ("held", "rough")):
-        own = [one for one in pictures if f"<title>{name}: run {kind}" in one]
-        for row in study.version().result["rows"][kind][name]:
-            assert any(f">{row} [" in one for one in own), (name, row)
+    scores = Study.open(written).version().result["rows"]
+    curves = _curves(text)
+    for title, scored in (("Run used: sine", scores["used"]["sine"]), ("Run held out: rough", scores["held"]["rough"])):
+        assert set(curves[title]) == set(scored)
+        for row, score in scored.items():
+            measured, modelled, error = map(_values, curves[title][row]["series"])
+            rms = float(np.sqrt(np.nanmean((measured - modelled) ** 2)))
+            assert rms == pytest.approx(score["rms"], rel=0.02, abs=1e-3 * np.nanstd(measured))
+            assert np.nanstd(error) == pytest.approx(np.nanstd(measured - modelled), rel=0.02)
+
+
+def test_long_curves_are_extremes_of_blocks_and_lose_no_peak(written: Path, monkeypatch: pytest.MonkeyPatch):
+    make_small(monkeypatch)
+    session = Session(Study.open(written))
+    part = session.values.comparisons(session.study.version(), held=False)[0]
+    rows = json.loads(curves_html(part, 60).partition('json">')[2].partition("<")[0])
+    for row in rows:
+        own = part.measured[Row.parse(row["row"])]
+        drawn = _values(row["series"][0])
+        assert 30 < drawn.size <= 60
+        assert (np.nanmin(drawn), np.nanmax(drawn)) == pytest.approx(
+            (own.min(), own.max()), abs=2 * row["series"][0]["step"]
+        )
+        t = part.t[Row.parse(row["row"])]
+        assert row["t0"] + row["dt"] * (row["n"] - 1) == pytest.approx(t[-1], abs=row["dt"] * 2.5)
+
+
+def test_the_first_page_says_what_of_which_runs_and_by_which_lacet(written: Path, monkeypatch: pytest.MonkeyPatch):
+    make_small(monkeypatch)
+    folder = Path(shutil.copytree(written, written.parent / "added"))
+    session = Session(Study.open(folder))
+    session.add("anti_roll_bar.front")
+    result = session.study.version().result
+    for name in ("report.html", "report.md"):
+        write_report(session, folder / name)
+        text = html.unescape((folder / name).read_text(encoding="utf-8"))
+        first = (
+            text.partition('<details class="part">')[0] if name.endswith("html") else text.partition("## Parameters")[0]
+        )
+        bar = next(p for p in result["parameters"] if p["name"] == "anti_roll_bar.front.k")
+        plain = first.replace("\\", "")
+        assert number(bar["value"], bar["half95_sheet"]) in plain
+        assert number(bar["half95_sheet"], bar["half95_sheet"]) in plain
+        assert metadata.version("lacet") in plain
+        assert result["vehicle"] in plain
+        for run in ("sine", "rough"):
+            digest = hashlib.sha256((folder / "runs" / f"{run}.parquet").read_bytes()).hexdigest()
+            assert digest[:16] in plain
+        for ratio in (pooled_ratio(result["rows"]["used"]), pooled_ratio(result["rows"]["held"])):
+            assert f"{ratio:.2f}" in plain
+        assert f"{len(result['not_identifiable'])} parameters are not identified" in plain
+    assert (folder / "report.png").read_bytes().startswith(b"\x89PNG")
+    lines = (folder / "report.md").read_text(encoding="utf-8").splitlines()
+    tables = [lines[k - 1 : k + 2] for k, line in enumerate(lines) if line.startswith("| ---")]
+    assert len(tables) >= 6
+    for rows in tables:
+        assert len({re.sub(r"\\\\.", "", row).count("|") for row in rows}) == 1, rows
+
+
+def test_tables_are_tables(written: Path):
+    text = (written / "report.html").read_text(encoding="utf-8")
+    assert "<pre" not in text
+    parameters = text.partition("<summary>Parameters</summary>")[2].partition("</table>")[0]
+    cells = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in re.findall(r"<tr>(.*?)</tr>", parameters)[1:]]
+    result = Study.open(written).version().result
+    assert [row[0] for row in cells] == [p["name"] for p in result["parameters"]]
+    assert [float(row[2]) for row in cells] == pytest.approx([p["half95"] for p in result["parameters"]], rel=0.1)
+
+
+def test_a_model_that_does_not_fail_takes_one_line(written: Path, monkeypatch: pytest.MonkeyPatch):
+    make_small(monkeypatch)
+    session = Session(Study.open(written))
+    found = session.values.failure(session.study.version())
+    assert len(where_pieces(found)) > 5
+    fine = replace(found, explainable={}, follows={}, ratios=dict.fromkeys(found.ratios, 1.0))
+    assert len(where_pieces(fine)) == 1
+    assert "No row fails" in where_pieces(fine)[0]
 
 
 def test_it_needs_nothing_else(written: Path):
@@ -44,7 +144,10 @@ def test_it_needs_nothing_else(written: Path):
     asked = re.findall(r"""(?:src|href)\s*=\s*["']?([^"'\s>]{1,12})|url\(\s*["']?(.{1,12})""", text)
     assert asked
     assert all(one.startswith(("#", "data:")) for pair in asked for one in pair if one)
-    assert "<script" not in text
+    script = re.findall(r"<script>(.*?)</script>", text, re.DOTALL)
+    assert script == [SCRIPT]
+    assert text.count("<script") == 1 + text.count('<script type="application/json">')
+    assert SCRIPT_HASH in report_policy()
     assert "@import" not in text
     assert "@font-face" not in text
 

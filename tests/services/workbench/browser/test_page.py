@@ -10,8 +10,15 @@ import pytest
 
 from tests.services.workbench.browser.bench import LONG, Opened, Watch
 
-VIEWS = ("runs", "compare", "where", "missing", "falls", "live")
+VIEWS = ("runs", "compare", "where", "missing", "falls", "car", "live")
 THEMES = ("light", "dark")
+_DRAWN = """() => [...document.querySelectorAll('.curves canvas')].map((c) => {
+  const { data } = c.getContext('2d').getImageData(0, 0, c.width, c.height);
+  let n = 0;
+  for (let i = 3; i < data.length; i += 4) n += data[i] > 0;
+  return n;
+})"""
+"""Pixels drawn of each curve of a report."""
 _CONTRAST, _RING, _SMALL = (
     (Path(__file__).parent / f"{name}.js").read_text(encoding="utf-8") for name in ("contrast", "ring", "small")
 )
@@ -162,13 +169,27 @@ def test_the_report_is_one_file_that_needs_nothing_else(opened: Opened, tmp_path
     watch.expect(watch.at("export-report")).to_be_enabled()
     alone = watch.page.context.new_page()
     asked: list[str] = []
+    errors: list[str] = []
+    alone.on("pageerror", lambda error: errors.append(str(error)))
     alone.on("request", lambda request: asked.append(request.url))
     alone.goto((tmp_path / "report.html").as_uri())
     alone.evaluate("document.querySelectorAll('details').forEach((folded) => { folded.open = true; })")
     assert [url for url in asked if not url.startswith("data:")] == [(tmp_path / "report.html").as_uri()]
-    sizes = alone.evaluate(
-        "[...document.querySelectorAll('figure > svg')].map((s) => s.getBoundingClientRect().height)"
-    )
-    assert len(sizes) > 10
-    assert min(sizes) > 50
+    assert not errors
+    drawn = alone.evaluate(_DRAWN)
+    assert len(drawn) > 10
+    assert min(drawn) > 100, drawn
+    canvas = alone.locator(".curves canvas").first
+    before = canvas.screenshot()
+    box = canvas.bounding_box()
+    assert box is not None
+    alone.mouse.move(box["x"] + 0.4 * box["width"], box["y"] + 60)
+    alone.mouse.down()
+    alone.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 60)
+    alone.mouse.up()
+    alone.mouse.move(5, 5)
+    assert canvas.screenshot() != before
+    alone.reload()
+    pages = len(re.findall(rb"/Type\s*/Page\b", alone.pdf(prefer_css_page_size=True)))
+    assert 1 <= pages <= 6
     alone.close()

@@ -28,16 +28,15 @@ export async function show(root, app) {
   const sheet = h("input", { type: "checkbox", id: "with-sheet" });
   const changes = h("input", { type: "checkbox", id: "with-changes", checked: true });
   const said = h("p", { class: "muted sub", role: "status" });
-  const report = h("button", {
-    type: "button",
-    "data-testid": "export-report",
-    text: "Report (HTML)",
-    onclick: () => void takeReport(),
-  });
+  const reportButton = (testid, text, files) => {
+    const button = h("button", { type: "button", "data-testid": testid, text, onclick: () => void takeReport(button, files) });
+    return button;
+  };
   const take = (what, text, id) =>
     h("a", { class: "button", href: `api/export/${what}`, download: what, "data-testid": id, text });
   const tools = [
-    report,
+    reportButton("export-report", "Report (HTML)", ["report.html"]),
+    reportButton("export-markdown", "Report (Markdown)", ["report.md", "report.png"]),
     take("parameters.csv", "Parameters (CSV)", "export-csv"),
     take("versions.csv", "Versions (CSV)", "export-versions"),
     take("study.json", "Study (JSON)", "export-json"),
@@ -125,21 +124,24 @@ export async function show(root, app) {
     if (!closed) draw();
   }
 
-  async function takeReport() {
-    report.disabled = true;
-    report.textContent = "Writing the report …";
+  async function takeReport(button, files) {
+    const text = button.textContent;
+    button.disabled = true;
+    button.textContent = "Writing the report …";
     try {
       await app.api.run("report", {});
-      const link = h("a", { href: "api/export/report.html", download: "report.html" });
-      document.body.append(link);
-      link.click();
-      link.remove();
-      app.toast("The report is written: report.html, also in the study's folder.", "good");
+      for (const name of files) {
+        const link = h("a", { href: `api/export/${name}`, download: name });
+        document.body.append(link);
+        link.click();
+        link.remove();
+      }
+      app.toast(`The report is written: ${files.join(" and ")}, also in the study's folder.`, "good");
     } catch (cause) {
       app.complain(cause);
     }
-    report.textContent = "Report (HTML)";
-    report.disabled = false;
+    button.textContent = text;
+    button.disabled = false;
   }
 
   function draw() {
@@ -189,7 +191,7 @@ export async function show(root, app) {
         h("tr", null, h("td", { colspan: 5, class: "empty", text: "No version yet: choose runs first." })),
       );
     for (const tool of tools) {
-      if (tool === report) tool.disabled = !study?.exists;
+      if (tool.tagName === "BUTTON") tool.disabled = !study?.exists;
       else if (study?.exists) tool.removeAttribute("aria-disabled");
       else tool.setAttribute("aria-disabled", "true");
     }
