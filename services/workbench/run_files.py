@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import threading
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,8 @@ from lacet.services.workspace.study import Study
 FOLDER = "runs"
 RAW = "raw"
 """Folders of the study: of runs, and of captures that were decoded into runs."""
+READING = "being read"
+"""Quality of a run that has not been read yet."""
 _KEPT_BACK = ("channel_list", "samples_hash")
 """Keys that the list of runs omits."""
 
@@ -75,6 +78,7 @@ class RunFiles:
 
     def __init__(self, cache: SessionCache, channels: RunChannels):
         self._cache, self._channels, self._lock = cache, channels, threading.Lock()
+        self._reader = threading.Thread()
         self._file = cache.folder / ".cache" / "summaries.json"
         self._known: dict[str, dict[str, Any]] = {}
         with suppress(OSError, ValueError):
@@ -83,6 +87,31 @@ class RunFiles:
     def all(self) -> list[dict[str, Any]]:
         """Every run, without its channels."""
         return [{k: v for k, v in run.items() if k not in _KEPT_BACK} for run in self._summaries()]
+
+    def at_once(self, changed: Callable[[], None]) -> list[dict[str, Any]]:
+        """Every run as far as it has been read; the others are read in a thread, which calls `changed` after each."""
+        known: list[dict[str, Any]] = []
+        lacking: list[Path] = []
+        for one in self._heads():
+            path = Path(one["path"])
+            if self._is_read(path):
+                known.append({**one, **self._known[self._key(path)]})
+                continue
+            lacking.append(path)
+            known.append({**one, **_unreadable(path, []), "quality": READING, "channels": None, "losses": None})
+        if lacking and not self._reader.is_alive():
+            self._reader = threading.Thread(target=self._read_all, args=(changed,), name="lacet-runs", daemon=True)
+            self._reader.start()
+        return [{k: v for k, v in run.items() if k not in _KEPT_BACK} for run in _with_twins(known)]
+
+    def _read_all(self, changed: Callable[[], None]) -> None:
+        """Read what has not been read, a file at a time."""
+        while lacking := [path for one in self._heads() if not self._is_read(path := Path(one["path"]))]:
+            with self._lock:
+                self._summary(lacking[0])
+                self._save()
+            give_back()
+            changed()
 
     def one(self, name: str) -> dict[str, Any]:
         """One run with its channels. Raises UsageError."""
@@ -104,27 +133,43 @@ class RunFiles:
         return None
 
     def _summaries(self) -> list[dict[str, Any]]:
-        paths = run_paths(self._cache)
-        roles = _roles(self._cache.study) if self._cache.exists else {}
         out: list[dict[str, Any]] = []
-        fresh = False
         with self._lock:
-            for name, path in paths.items():
-                try:
-                    key = state_key(path)
-                    if "samples_hash" not in self._known.get(key, {}):
-                        self._known[key], fresh = summary(path, self._channels), True
-                    found = self._known[key]
-                except LacetError as error:
-                    found = _unreadable(path, [str(error)])
-                out.append(
-                    {"name": name, "file": path.name, "path": str(path), "role": roles.get(path.resolve(), "unused"),
-                     **found}
-                )  # fmt: skip
-            if fresh:
+            before = len(self._known)
+            out += [{**one, **self._summary(Path(one["path"]))} for one in self._heads()]
+            if len(self._known) > before:
                 give_back()
                 self._save()
         return _with_twins(out)
+
+    def _heads(self) -> list[dict[str, Any]]:
+        """Name, file and role of each run."""
+        roles = _roles(self._cache.study) if self._cache.exists else {}
+        return [
+            {"name": name, "file": path.name, "path": str(path), "role": roles.get(path.resolve(), "unused")}
+            for name, path in run_paths(self._cache).items()
+        ]
+
+    def _summary(self, path: Path) -> dict[str, Any]:
+        """Summary of a file, made where it is not known in this state."""
+        if not self._is_read(path):
+            try:
+                found = summary(path, self._channels)
+            except LacetError as error:
+                found = _unreadable(path, [str(error)])
+            self._known[self._key(path)] = found
+        return self._known[self._key(path)]
+
+    def _is_read(self, path: Path) -> bool:
+        """Whether the summary of a file in its present state is known."""
+        return "samples_hash" in self._known.get(self._key(path), {})
+
+    def _key(self, path: Path) -> str:
+        """State of a file; of one that is not there, its name."""
+        try:
+            return state_key(path)
+        except LacetError as error:
+            return str(error)
 
     def _save(self) -> None:
         """Store the summaries; a folder without write access costs time only."""

@@ -1,4 +1,4 @@
-"""Uploads from the browser into the study's folder: bounded, complete or not at all, never over another file."""
+"""Uploads from the browser into the study's folder: bounded, complete or not at all, never over another unasked."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import os
 import secrets
 import shutil
 import time
+import unicodedata
 from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
 from pathlib import Path
@@ -25,6 +26,7 @@ from lacet.daq.maps.channel_map import ChannelMap
 from lacet.daq.rig import Rig
 from lacet.daq.sources.dbc_messages import read_dbc
 from lacet.daq.vehicle import Vehicle
+from lacet.services.workbench.file_changes import set_aside
 from lacet.services.workbench.refusals import DiskFull, InTheWay, TooLarge
 from lacet.services.workbench.run_files import FOLDER, KINDS, RAW
 from lacet.services.workbench.session_cache import SessionCache
@@ -39,14 +41,16 @@ _TOML: dict[str, Callable[[Path], Any]] = {
     "rig.toml": lambda file: Rig.load(file, kept=True),  # whose drivers are never looked for beside an upload
     "vehicle.toml": Vehicle.load,
 }
+_UNSEEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
+"""Kinds of characters that are not seen, or turn the text around them: a name with one looks like another."""
 _BESIDE = (".toml", ".json", ".dbc")
 """Suffixes of a channel map, of the metadata of a CSV table, and of the description of a bus."""
 
 
 def safe_name(name: str) -> str:
     """A file name from the browser, checked. Raises UsageError for one that could leave the folder."""
-    bad = not name or name != Path(name).name or name.startswith(".") or len(name.encode()) > 200
-    if bad or "\\" in name or any(ord(c) < 32 or c in ':*?"<>|' for c in name):
+    bad = not name or name != Path(name).name or name.startswith(".") or len(name.encode("utf-8", "replace")) > 200
+    if bad or any(c in '\\:*?"<>|' or unicodedata.category(c) in _UNSEEN for c in name):
         raise UsageError(f"'{name[:80]}' cannot be the name of a file here: letters, digits, - and _ are safe")
     if name not in _TOML and Path(name).suffix.lower() not in (*KINDS, *_BESIDE):
         raise UsageError(
@@ -57,9 +61,9 @@ def safe_name(name: str) -> str:
 
 
 async def take(
-    cache: SessionCache, name: str, length: int | None, body: AsyncIterator[bytes], most: int
+    cache: SessionCache, name: str, length: int | None, body: AsyncIterator[bytes], most: int, replace: bool = False
 ) -> dict[str, Any]:
-    """Store an upload; `length` as announced [bytes].
+    """Store an upload; `length` as announced [bytes]; `replace` : in place of the file of that name, kept aside.
 
     Returns its file, and whether it is a raw capture that has to be decoded. Raises Refusal or UsageError, after
     removing what was written.
@@ -68,7 +72,8 @@ async def take(
     if length is not None and length > most:
         raise TooLarge(f"{name} has {length:,} bytes, more than the {most:,} that are taken (--most-upload)")
     folder = cache.folder if name in _TOML else cache.folder / FOLDER
-    _refuse_there(folder / name)
+    if not replace:
+        _refuse_there(folder / name)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if length is not None and length + SPARE > free(folder):
@@ -78,7 +83,7 @@ async def take(
     part = folder / f".{secrets.token_hex(8)}.part{Path(name).suffix}"
     try:
         await _written(part, name, body, most)
-        return await run_in_threadpool(_placed, cache, part, folder / name)
+        return await run_in_threadpool(_placed, cache, part, folder / name, replace)
     except ClientDisconnect:
         raise UsageError(f"{name} did not come to its end: drop it again") from None
     except OSError as error:
@@ -124,7 +129,7 @@ def free(folder: Path) -> int:
     return shutil.disk_usage(folder).free
 
 
-def _placed(cache: SessionCache, part: Path, target: Path) -> dict[str, Any]:
+def _placed(cache: SessionCache, part: Path, target: Path, replace: bool) -> dict[str, Any]:
     raw = False
     if target.suffix in _BESIDE:
         try:
@@ -137,6 +142,8 @@ def _placed(cache: SessionCache, part: Path, target: Path) -> dict[str, Any]:
             raw = bool(log.sources()) and not log.channels()
         except LacetError:
             pass  # kept: the list of runs reports its fault
+    if replace:
+        set_aside(cache, target)
     if raw:
         target = cache.folder / RAW / target.name
         target.parent.mkdir(exist_ok=True)
@@ -179,7 +186,9 @@ def _move(part: Path, target: Path) -> None:
 def _refuse_there(target: Path) -> None:
     if target.exists():
         place = target.parent.name
-        raise InTheWay(f"there is one in {place}/ already, and nothing is ever replaced: give the file another name")
+        raise InTheWay(
+            f"there is one in {place}/ already: replace it in the list of files, or give this one another name"
+        )
 
 
 _CHECKS: dict[str, Callable[[Path], Any]] = {".toml": _check_map, ".json": _read_metadata, ".dbc": read_dbc}

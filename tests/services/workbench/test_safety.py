@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +16,7 @@ from asammdf import MDF
 from asammdf import Signal as MdfSignal
 from fastapi.testclient import TestClient
 
-from lacet.services.workbench import uploads
+from lacet.services.workbench import run_files, uploads
 from lacet.services.workbench.access_guard import COOKIE, POLICY, new_token
 from lacet.services.workbench.server import Settings, create_app, serve
 from tests.services.workbench.bench_page import Page
@@ -34,7 +35,8 @@ def empty(tmp_path: Path) -> Iterator[TestClient]:
 @pytest.mark.parametrize("name", [
     "../escape.csv", "..%2Fescape.csv", "%2e%2e/escape.csv", "/etc/escape.csv", "a/b.csv", "..\\escape.csv",
     ".hidden.csv", "nul\0.csv".replace("\0", "%00"), "study.json", "effects.py", "run.exe", "x" * 300 + ".csv",
-    "line%0Abreak.csv", "",
+    "line%0Abreak.csv", "", "rough%E2%80%AEvsc.csv", "zero%E2%80%8Bwidth.csv",
+    "isolated%E2%81%A6.csv", "tag%F3%A0%80%81.csv",
 ])  # fmt: skip
 def test_a_name_never_leaves_the_folder(empty: TestClient, tmp_path: Path, name: str):
     answer = empty.put(f"/api/runs/{name}", content=b"t\n0\n")
@@ -127,11 +129,84 @@ def test_what_was_broken_off_is_swept_up(tmp_path: Path):
     assert sorted(p.name for p in runs.iterdir()) == [".2.part.csv", "a.part.csv"]
 
 
-def test_nothing_is_replaced(page: Page):
+def test_nothing_is_replaced_unasked(page: Page):
     before = (page.folder / "runs" / "sine.parquet").read_bytes()
     for name in ("runs/sine.parquet", "runs/rig.toml"):
-        assert "nothing is ever replaced" in page.client.put(f"/api/{name}", content=b"x").json()["error"]
+        assert "replace it in the list" in page.client.put(f"/api/{name}", content=b"x").json()["error"]
     assert (page.folder / "runs" / "sine.parquet").read_bytes() == before
+
+
+def test_a_file_is_replaced_or_removed_with_what_follows_said_before(page: Page):
+    """Nothing is erased; the study's versions stay readable, and its rig cannot be taken from it."""
+    before = {
+        name: (page.folder / name).read_bytes() for name in ("runs/sine.parquet", "runs/spare.parquet", "rig.toml")
+    }
+    assert page.get("runs/spare/consequences") == {
+        "name": "spare", "files": ["spare.parquet"], "versions": [], "says": [], "may_remove": True,
+    }  # fmt: skip
+    found = page.get("runs/sine/consequences")
+    assert found["versions"] == [1]
+    assert "version 1 uses this run" in found["says"][0]
+    assert "nothing more can be computed for it" in found["says"][0]
+    assert "version 1 was fitted with the instruments" in page.get("runs/rig.toml/consequences")["says"][0]
+    assert page.client.delete("/api/runs/rig.toml").status_code == 400
+    assert (page.folder / "rig.toml").read_bytes() == before["rig.toml"]
+    assert page.client.delete("/api/runs/spare").json() == {
+        "removed": [Path(n).name for n in _removed(page)],
+        "kept_in": "removed",
+    }
+    assert [(page.folder / name).read_bytes() for name in _removed(page)] == [before["runs/spare.parquet"]]
+    assert {run["name"] for run in page.get("runs")} == {"sine", "rough"}
+    text = before["rig.toml"] + b"\n# mended\n"
+    assert page.client.put("/api/runs/rig.toml?replace=true", content=b"format = 'nonsense'\n").status_code == 400
+    assert (page.folder / "rig.toml").read_bytes() == before["rig.toml"]
+    assert page.client.put("/api/runs/rig.toml?replace=true", content=text).status_code == 200
+    assert (page.folder / "rig.toml").read_bytes() == text
+    other = (page.folder / "runs" / "rough.parquet").read_bytes()
+    assert page.client.put("/api/runs/sine.parquet?replace=true", content=other).status_code == 200
+    assert (page.folder / "runs" / "sine.parquet").read_bytes() == other
+    kept = [(page.folder / name).read_bytes() for name in _removed(page)]
+    assert sorted(kept) == sorted(before.values())
+    assert page.client.delete("/api/runs/sine").status_code == 200
+    assert page.get("study")["current"] == 1, "its numbers stay"
+    assert page.client.delete("/api/runs/../study.json").status_code in (400, 404, 405)
+    assert page.client.delete("/api/runs/nothing").status_code == 400
+
+
+def _removed(page: Page) -> list[str]:
+    return sorted(f"removed/{file.name}" for file in (page.folder / "removed").iterdir())
+
+
+def test_a_capture_is_removed_with_the_run_decoded_from_it(tmp_path: Path):
+    make_capture(tmp_path / "raw.mcap", 1.0, 47110)
+    with TestClient(create_app(Settings(tmp_path / "new")), base_url=HERE) as client:
+        page = Page(client)
+        page.until_over(
+            client.put("/api/runs/raw.mcap", content=(tmp_path / "raw.mcap").read_bytes()).json()["job"]["id"]
+        )
+        assert len(client.delete("/api/runs/raw").json()["removed"]) == 2
+        assert page.get("runs") == []
+    with TestClient(create_app(Settings(tmp_path / "new")), base_url=HERE) as client:
+        assert client.get("/api/jobs").json() == [], "and is not decoded again"
+
+
+def test_the_list_of_runs_is_there_before_they_are_read(page: Page, monkeypatch: pytest.MonkeyPatch):
+    go = threading.Event()
+    read = run_files.summary
+
+    def slow(path: Path, kept: Any) -> dict[str, Any]:
+        assert go.wait(30.0)
+        return read(path, kept)
+
+    monkeypatch.setattr(run_files, "summary", slow)
+    found = page.get("runs?wait=false")
+    assert {run["name"]: (run["quality"], run["role"]) for run in found} == {
+        "sine": ("being read", "used"), "rough": ("being read", "held"), "spare": ("being read", "unused"),
+    }  # fmt: skip
+    go.set()
+    whole = page.get("runs")
+    assert [run["quality"] for run in whole] == ["good"] * 3
+    assert page.get("runs?wait=false") == whole
 
 
 def test_rig_and_vehicle_are_read_before_they_are_kept(empty: TestClient, tmp_path: Path):

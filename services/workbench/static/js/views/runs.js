@@ -3,12 +3,15 @@
 import { h } from "../widgets/dom.js";
 import { duration, short, size } from "../widgets/format.js";
 import { jobId } from "../net/jobs.js";
+import { confirmed, fileActions } from "./run_actions.js";
 
 const ROLES = [
   ["used", "used"],
   ["held", "held out"],
   ["unused", "not used"],
 ];
+const READING = "being read";
+const AT_ONCE = 3; // files sent at a time
 const ACCEPT = ".mcap,.parquet,.csv,.mf4,.mdf,.toml,.json,.dbc,.txt,.tsv,.dat,.pq,.mat,.tdms,.log,.candump,.blf,.asc,.trc";
 
 /**
@@ -62,7 +65,7 @@ export async function show(root, app) {
       h(
         "tr",
         null,
-        ["Run", "Used for the fit", "Manoeuvre", "Length", "Size", "Channels", "Quality", "Losses"].map((text, k) =>
+        ["Run", "Used for the fit", "Manoeuvre", "Length", "Size", "Channels", "Quality", "Losses", "File"].map((text, k) =>
           h("th", { scope: "col", class: k > 2 && k < 6 ? "num" : "", text }),
         ),
       ),
@@ -78,6 +81,7 @@ export async function show(root, app) {
     text: "Make the study",
     onclick: () => void makeStudy(),
   });
+  const describedBy = h("ul", { class: "described", hidden: true, "data-testid": "described" });
   const detail = h("section", { class: "panel detail", hidden: true, "aria-label": "Channels of a run" });
   root.append(
     h(
@@ -97,6 +101,7 @@ export async function show(root, app) {
       h("div", { class: "scroll runs-scroll" }, table),
       h("div", { class: "bar choice" }, says, make),
     ),
+    describedBy,
     detail,
   );
 
@@ -104,13 +109,18 @@ export async function show(root, app) {
 
   function draw() {
     body.replaceChildren(...runs.map(line));
+    const { study } = app.state;
+    const described = [["rig.toml", "instruments", study?.rig], ["vehicle.toml", "car", study?.vehicle]].filter(([, , there]) => there);
+    describedBy.replaceChildren(...described.map(([file, what, named]) => h("li", null, h("b", { text: `${what}: ` }), named, h("span", { class: "muted", text: ` (${file})` }),
+      fileActions(app, { name: file, file, may: !study.exists }, { replace: (sent, as) => void take([sent], as), done: () => void app.refresh() }))));
+    describedBy.hidden = !described.length;
     if (!runs.length)
       body.append(
         h(
           "tr",
           null,
           h("td", {
-            colspan: 8,
+            colspan: 9,
             class: "empty",
             text: "No runs yet. Drop at least two logs above: one to fit the model on, one to hold out.",
           }),
@@ -120,7 +130,8 @@ export async function show(root, app) {
   }
 
   function line(run) {
-    const unreadable = run.quality === "cannot be read";
+    const waits = run.quality === READING;
+    const unreadable = waits || run.quality === "cannot be read";
     const radios = h(
       "div",
       { class: "roles", role: "radiogroup", "aria-label": `what ${run.name} is used for` },
@@ -147,7 +158,7 @@ export async function show(root, app) {
     const problems = (run.says ?? []).join("\n");
     return h(
       "tr",
-      { "data-testid": `run-row-${run.name}`, class: open === run.name ? "open" : "" },
+      { "data-testid": `run-row-${run.name}`, class: `${open === run.name ? "open" : ""}${waits ? " reading" : ""}` },
       h(
         "th",
         { scope: "row" },
@@ -155,8 +166,8 @@ export async function show(root, app) {
         h("div", { class: "sub muted", text: [run.format, run.vehicle].filter(Boolean).join(" · ") }),
       ),
       h("td", null, radios),
-      h("td", { text: run.manoeuvre || "–" }),
-      h("td", { class: "num", text: duration(run.seconds) }),
+      h("td", { text: run.manoeuvre || (waits ? "" : "–") }, waits ? h("i", { class: "skeleton" }) : null),
+      h("td", { class: "num", text: waits ? "" : duration(run.seconds) }, waits ? h("i", { class: "skeleton" }) : null),
       h("td", { class: "num", text: size(run.bytes) }),
       h(
         "td",
@@ -169,11 +180,12 @@ export async function show(root, app) {
           disabled: unreadable,
           "aria-label": `channels of ${run.name}`,
           onclick: () => void channels(run.name),
-          text: count(run.channels),
+          text: waits ? "…" : count(run.channels),
         }),
       ),
       h("td", null, quality(run), problems ? h("div", { class: "sub", text: problems }) : null),
-      h("td", { class: lost(run.losses) ? "warn" : "", text: losses(run.losses) }),
+      h("td", { class: lost(run.losses) ? "warn" : "", text: waits ? "" : losses(run.losses) }),
+      h("td", null, fileActions(app, run, { replace: (file, as) => void take([file], as), done: () => void read() })),
     );
   }
 
@@ -287,36 +299,54 @@ export async function show(root, app) {
     }
   }
 
-  async function take(list) {
-    const all = [...list];
-    for (const file of all) {
-      const text = h("span", { text: `${file.name}: sending, 0 %` });
-      const item = h("li", { data: { file: file.name } }, text);
-      sent.append(item);
+  /** Sends files, several at a time; `as` : in place of the file of that name. */
+  async function take(list, as = null) {
+    const waiting = [...list].map((file) => sending(file, as));
+    const next = async () => {
+      for (let send = waiting.shift(); send; send = waiting.shift()) await send();
+    };
+    await Promise.all(Array.from({ length: AT_ONCE }, next));
+    files.value = "";
+  }
+
+  /** The line of a file that is to be sent, and what sends it. */
+  function sending(file, as) {
+    const name = as ?? file.name;
+    const text = h("span", { text: `${name}: waits` });
+    const item = h("li", { data: { file: name } }, text);
+    sent.append(item);
+    return async () => {
       try {
-        const answer = await app.api.upload(`api/runs/${encodeURIComponent(file.name)}`, file, (part) => {
-          text.textContent = `${file.name}: sending, ${Math.round(100 * part)} %`;
+        const answer = await app.api.upload(`api/runs/${encodeURIComponent(name)}${as ? "?replace=true" : ""}`, file, (part) => {
+          text.textContent = `${name}: sending, ${Math.round(100 * part)} %`;
         });
         if (answer.job) {
-          text.textContent = `${file.name}: arrived; the raw capture is being decoded`;
+          text.textContent = `${name}: arrived; the raw capture is being decoded`;
           await app.api.follow(jobId(answer));
         }
-        text.textContent = `${file.name}: arrived; reading what is in it`;
+        text.textContent = `${name}: arrived`;
         if (!closed) await read();
         item.remove();
       } catch (cause) {
         item.className = "bad";
-        text.textContent = `${file.name}: ${cause.message}`;
+        text.textContent = `${name}: ${cause.message}`;
+        if (cause.status === 409) item.append(" ", h("button", { type: "button", class: "small", text: "Replace …", "data-testid": `replace-sent-${name}`,
+          onclick: async () => {
+            if (!(await confirmed(app, byFile(name), "Replace").catch(app.complain))) return;
+            item.remove();
+            void take([file], name);
+          } }));
         item.append(" ", h("button", { type: "button", class: "small", text: "Close", onclick: () => item.remove() }));
         if (!closed) await read();
       }
-    }
-    files.value = "";
+    };
   }
+
+  const byFile = (file) => runs.find((run) => run.file === file)?.name ?? file;
 
   async function read() {
     try {
-      runs = await app.api.get("api/runs");
+      runs = await app.api.get("api/runs?wait=false");
     } catch (cause) {
       app.complain(cause);
     }
@@ -342,7 +372,7 @@ export async function show(root, app) {
   const off = app.on((patch) => {
     if ("study" in patch && !making) void read();
   });
-  body.append(h("tr", null, h("td", { colspan: 8, class: "empty", text: "Reading what is in the study's folder …" })));
+  body.append(h("tr", null, h("td", { colspan: 9, class: "empty", text: "Reading what is in the study's folder …" })));
   await read();
   return () => {
     closed = true;
@@ -357,8 +387,8 @@ function count(channels) {
 }
 
 function quality(run) {
-  const mark = { good: "✓", flagged: "!", "cannot be read": "✕" }[run.quality] ?? "?";
-  const kind = { good: "good", flagged: "warn", "cannot be read": "bad" }[run.quality] ?? "warn";
+  const mark = { good: "✓", flagged: "!", "cannot be read": "✕", [READING]: "…" }[run.quality] ?? "?";
+  const kind = { good: "good", flagged: "warn", "cannot be read": "bad", [READING]: "muted" }[run.quality] ?? "warn";
   return h("span", { class: kind }, h("span", { "aria-hidden": "true", text: `${mark} ` }), run.quality ?? "not known");
 }
 
