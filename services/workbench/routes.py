@@ -10,9 +10,10 @@ from fastapi import APIRouter, Body, Request
 from fastapi.responses import JSONResponse, Response, StreamingResponse
 
 from lacet.daq.errors import UsageError
-from lacet.services.workbench import exports, study_views, uploads, user_effects
+from lacet.services.workbench import exports, file_changes, study_views, uploads, user_effects
 from lacet.services.workbench.events import Events
 from lacet.services.workbench.force_views import forces_png
+from lacet.services.workbench.formula_views import formula_body
 from lacet.services.workbench.jobs import Job, Jobs
 from lacet.services.workbench.live import Live
 from lacet.services.workbench.packed_arrays import MEDIA_TYPE
@@ -20,7 +21,8 @@ from lacet.services.workbench.refusals import NotThere
 from lacet.services.workbench.residual_views import against_payload, preview_body, spectrum_payload, where_payload
 from lacet.services.workbench.run_channels import RunChannels
 from lacet.services.workbench.run_files import RunFiles, find_run, undecoded, undecoded_record
-from lacet.services.workbench.session_cache import SessionCache
+from lacet.services.workbench.session_cache import WAIT, SessionCache
+from lacet.services.workbench.value_views import values_payload
 
 api = APIRouter(prefix="/api")
 _JSON = Annotated[dict[str, Any], Body()]
@@ -63,11 +65,12 @@ def choose(request: Request, body: _JSON) -> Any:
 
 
 @api.get("/runs")
-def runs(request: Request) -> Any:
-    """The list of runs."""
+def runs(request: Request, wait: bool = True) -> Any:
+    """The list of runs; without `wait` at once, those that have to be read first marked."""
     b = bench(request)
     waiting = [path for path in undecoded(b.cache) if _decoding(b, path.name) is None]
-    return [*b.files.all(), *map(undecoded_record, waiting)]
+    found = b.files.all() if wait else b.files.at_once(lambda: b.events.publish("study", {"changed": ["runs"]}))
+    return [*found, *map(undecoded_record, waiting)]
 
 
 @api.get("/runs/{name}")
@@ -76,13 +79,29 @@ def one_run(request: Request, name: str) -> Any:
     return bench(request).files.one(name)
 
 
+@api.get("/runs/{name}/consequences")
+def consequences(request: Request, name: str) -> Any:
+    """What no longer fits together when a file is replaced or removed."""
+    return file_changes.consequences(bench(request).cache, name)
+
+
+@api.delete("/runs/{name}")
+def remove_run(request: Request, name: str) -> Any:
+    """Move a file aside."""
+    b = bench(request)
+    with b.cache.computing(WAIT):
+        found = file_changes.remove(b.cache, name)
+    b.events.publish("study", {"changed": ["runs"]})
+    return found
+
+
 @api.put("/runs/{filename:path}")
-async def upload(request: Request, filename: str) -> Any:
+async def upload(request: Request, filename: str, replace: bool = False) -> Any:
     """A file from the browser."""
     b = bench(request)
     length = request.headers.get("content-length")
     announced = int(length) if length and length.isdigit() else None
-    found = await uploads.take(b.cache, filename, announced, request.stream(), b.most_upload)
+    found = await uploads.take(b.cache, filename, announced, request.stream(), b.most_upload, replace)
     if found["raw"]:
         at_work = _decoding(b, found["file"])
         found["job"] = (at_work or b.jobs.submit("decode", {"file": found["file"]})).as_data()
@@ -94,6 +113,12 @@ async def upload(request: Request, filename: str) -> Any:
 def parameters(request: Request, version: int | None = None) -> Any:
     """A version's parameters."""
     return study_views.parameters_payload(bench(request).cache.study, version)
+
+
+@api.get("/values")
+def values(request: Request, version: int | None = None, against: int | None = None) -> Any:
+    """Derived values and parameters of a version, beside those of another."""
+    return values_payload(bench(request).cache.study, version, against)
 
 
 @api.get("/effects")
@@ -164,8 +189,11 @@ def cancel(request: Request, number: int) -> Any:
 async def events(request: Request) -> StreamingResponse:
     """Stream of changes."""
     b = bench(request)
-    first = [("job", one.as_data()) for one in b.jobs.all() if not one.over]
-    stream = b.events.stream([("hello", {"pages": b.events.listening + 1}), *first])
+
+    def first() -> dict[str, Any]:
+        return {"pages": b.events.listening, "jobs": [one.as_data() for one in b.jobs.open()]}
+
+    stream = b.events.stream(first)
     return StreamingResponse(stream, media_type="text/event-stream", headers={"X-Accel-Buffering": "no"})
 
 
@@ -211,6 +239,12 @@ def channels(request: Request, run: str, names: str, samples: bool = False) -> R
     b = bench(request)
     body = b.channels.samples if samples else b.channels.overview
     return _bytes(body(find_run(b.cache, run), names.split(",")))
+
+
+@api.get("/formula/{version}/{run}")
+def formula(request: Request, version: int, run: str, text: str) -> Response:
+    """A formula in the measured states along a run."""
+    return _bytes(formula_body(bench(request).cache, version, run, text))
 
 
 @api.get("/map/{version}")

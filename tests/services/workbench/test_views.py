@@ -228,3 +228,64 @@ def test_wheel_forces_of_a_run_held_out_are_a_picture(shared: Page):
     assert answer.status_code == 200, answer.text
     assert (answer.headers["content-type"], answer.content[:4]) == ("image/png", b"\x89PNG")
     assert shared.client.get("/api/forces/1/sine").status_code == 404
+
+
+def test_the_car_in_numbers_is_the_result_in_plain_words(shared: Page):
+    found = shared.get("values?version=1")
+    result = json.loads((shared.folder / "versions" / "001.json").read_text(encoding="utf-8"))["result"]
+    assert [d["name"] for d in found["derived"]] == [d["name"] for d in result["derived"]]
+    rate = next(d for d in found["derived"] if d["name"] == "ride_rate.fl")
+    own = next(d for d in result["derived"] if d["name"] == "ride_rate.fl")
+    assert (rate["label"], rate["place"], rate["unit"]) == ("ride rate", "fl", "N/m")
+    assert (rate["value"], rate["half95_sheet"]) == (own["value"], own["half95_sheet"])
+    assert own["half95_sheet"] > own["half95"]
+    words = {p["name"]: (p["label"], p["symbol"]) for p in found["parameters"]}
+    assert words["M6"] == ("sprung mass", "M6")
+    assert words["spring.rl.k"] == ("rear left spring rate", "ks9")
+    assert words["damper.fr.c"] == ("front right damper rate", "hs36")
+    assert words["tyre_stiffness.fl.kt"] == ("front left tyre stiffness", "ks33")
+    assert len({label for label, _ in words.values()}) == len(words)
+    assert all(p["other"] is None and p["differs"] is None for p in found["parameters"])
+    curve, own = found["dampers"]["fl"], result["damper_curves"]["fl"]
+    assert curve["rate"] == pytest.approx([1e3 * v for v in own["rate"]])
+    assert (curve["rate_unit"], curve["travel_unit"]) == ("mm/s", "mm")
+
+
+def test_versions_differ_where_noise_does_not_explain_it(page: Page):
+    page.run("add", effect="anti_roll_bar.front")
+    found = page.get("values?version=2&against=1")
+    by_name = {p["name"]: p for p in found["parameters"]}
+    assert by_name["anti_roll_bar.front.k"]["label"] == "front anti-roll bar rate"
+    assert by_name["anti_roll_bar.front.k"]["other"] is None
+    assert by_name["spring.fl.k"]["differs"], "the bar had been in the springs"
+    before = page.get("values?version=1")["parameters"]
+    for p in before:
+        beside = by_name[p["name"]]
+        if beside["other"]:
+            assert beside["other"]["value"] == p["value"]
+            far = abs(beside["value"] - p["value"]) > np.hypot(beside["half95"], p["half95"])
+            assert beside["differs"] == far
+    assert any(p["differs"] is False for p in found["parameters"])
+    back = page.get("values?version=1&against=2")
+    assert {p["name"] for p in back["gone"]} == set(by_name) - {p["name"] for p in before} >= {"anti_roll_bar.front.k"}
+
+
+def test_a_formula_is_its_states_along_the_run(shared: Page):
+    head, found = arrays(shared, "formula/1/sine?text=travel_fl%20-%20travel_fr")
+    assert head["unit"] == "m"
+    parts = [arrays(shared, f"formula/1/sine?text=travel_{c}")[1]["values"] for c in ("fl", "fr")]
+    assert found["values"] == pytest.approx(parts[0] - parts[1], abs=1e-7)
+    assert np.ptp(found["values"]) > 0.005
+    head, angle = arrays(shared, "formula/1/sine?text=roll")
+    assert head["unit"] == "rad"
+    assert np.corrcoef(angle["values"], found["values"])[0, 1] < -0.9, "left side up is travel less on the left"
+    assert arrays(shared, "formula/1/sine?text=1/max(abs(speed),%202%20m/s)")[1]["values"].size
+    wrong = {
+        "travel": "travel_fl", "travl_fl": "did you mean", "travel_fl + ay": "m/s", "2 * 3": "no measured state",
+        "travel_fl +": "no arithmetic", "open('x')": "",
+    }  # fmt: skip
+    for text, words in wrong.items():
+        answer = shared.client.get("/api/formula/1/sine", params={"text": text})
+        assert answer.status_code == 400, text
+        assert words in answer.json()["error"]
+    assert shared.client.get("/api/formula/1/spare?text=ay").status_code == 404

@@ -6,7 +6,7 @@ import { createJobs } from "./net/jobs.js";
 import { installKeys } from "./widgets/keys.js";
 import { createRail } from "./widgets/rail.js";
 import { createJobBar, createToasts } from "./widgets/shell.js";
-import { createState, readHash, rowsOf, runsOf, writeHash } from "./net/state.js";
+import { createState, LAYOUT, readHash, rowsOf, runsOf, writeHash } from "./net/state.js";
 
 const VIEWS = {
   runs: { title: "Runs", load: () => import("./views/runs.js") },
@@ -14,6 +14,7 @@ const VIEWS = {
   where: { title: "Where it fails", load: () => import("./views/where.js") },
   missing: { title: "What is missing", load: () => import("./views/missing.js") },
   falls: { title: "The error falls", load: () => import("./views/error_history.js") },
+  car: { title: "The car", load: () => import("./views/car_values.js") },
   live: { title: "Live", load: () => import("./views/live.js") },
 };
 const NAMES = Object.keys(VIEWS);
@@ -25,6 +26,7 @@ let turn = 0;
 let addressTimer = 0;
 
 const jobs = createJobs({
+  onJobs: (all) => bar.jobs(all),
   onJob: (job) => {
     bar.job(job);
     notify({ job });
@@ -33,7 +35,10 @@ const jobs = createJobs({
   onLive: (live) => notify({ live }),
   onLink: (up) => bar.link(up),
 });
-const bar = createJobBar(document.getElementById("jobs"), { cancel: (id) => jobs.cancel(id).catch(complain) });
+const bar = createJobBar(document.getElementById("jobs"), {
+  cancel: (id) => jobs.cancel(id).catch(complain),
+  again: (job) => api.post("api/jobs", { do: job.do, args: job.args }).catch(complain),
+});
 
 const toast = createToasts(document.getElementById("toasts"), bar.say);
 
@@ -66,7 +71,7 @@ function choose(patch) {
   const before = state.study;
   set(patch);
   if (state.study !== before) fitChoice();
-  if (["run", "row", "t0", "t1"].some((key) => key in patch)) keepAddress();
+  if (["run", "row", "t0", "t1", ...LAYOUT].some((key) => key in patch)) keepAddress();
 }
 
 function keepAddress() {

@@ -9,6 +9,7 @@ class Link {
     this.members = new Set();
     this.window = null; // null: everything
     this.cursor = null;
+    this.marks = []; // times that stay marked: [{t, label}]
     this.queued = false;
     this.notifies = false;
     this.following = false;
@@ -105,6 +106,12 @@ class Link {
     for (const member of this.members) member.refresh();
     if (this.notifies) for (const member of [...this.members]) member.onZoom?.(a, b, this.window === null);
     this.notifies = false;
+  }
+
+  /** Marks times in all members, in place of those before. */
+  setMarks(marks) {
+    this.marks = marks;
+    for (const member of this.members) member.u?.redraw(false);
   }
 
   /** Zooms by a factor (below 1: closer) about a time. */

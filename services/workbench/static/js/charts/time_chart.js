@@ -7,6 +7,7 @@ import { faded, onTheme, resolved } from "./colours.js";
 import { short } from "../widgets/format.js";
 import { gestures } from "./gestures.js";
 import { drawColumns, drawLine } from "./lines.js";
+import { drawMarks } from "./marks.js";
 import { link } from "./linked_axes.js";
 import { tick } from "./ticks.js";
 import { Pyramid, first, inWindow } from "./pyramid.js";
@@ -49,12 +50,14 @@ const sized = new ResizeObserver((entries) => {
  * @param {(series: object) => void} [options.onToggle] after a series was switched on or off, before it is redrawn.
  * @param {string} [options.testid] @param {string} [options.keyTestid] of every entry of the head
  * @returns {{update: (patch: {t?: ArrayLike<number>, series?: Array<object>, unit?: string, title?: string, rough?: boolean}) => void,
- *   destroy: () => void, setWindow: (t0: number|null, t1?: number|null) => void, element: HTMLElement}}
+ *   destroy: () => void, setWindow: (t0: number|null, t1?: number|null) => void, element: HTMLElement,
+ *   figure: () => object}} `figure` : what is shown, for whoever draws or writes it elsewhere
  */
 export function timeChart(root, options) {
   const chart = new Chart(root, options);
   return {
     element: chart.element,
+    figure: () => chart.figure(),
     update: (patch) => chart.update(patch),
     destroy: () => chart.destroy(),
     setWindow: (t0, t1) =>
@@ -150,6 +153,14 @@ class Chart {
     if (this.u && k >= 0) this.u.setSeries(k + 1, { show: !series.hidden });
     this.u?.redraw(false);
     this.u?.setScale("y", { min: null, max: null });
+  }
+
+  /** Title, unit, window and series, hidden ones left out, and the canvas they are drawn on. */
+  figure() {
+    const { title, unit, t, series, height, rough } = this.o;
+    if (!this.u && this.width) this.draw();
+    return { title, unit, t, height, rough, window: this.shared.shown, series: series.filter((s) => !s.hidden),
+      canvas: this.plot.querySelector("canvas"), range: this.u ? [this.u.scales.y.min, this.u.scales.y.max] : null };
   }
 
   see(visible) {
@@ -280,6 +291,7 @@ class Chart {
       hooks: {
         drawAxes: [(u) => this.areas(u)],
         drawSeries: [(u, k) => this.line(u, k)],
+        draw: [(u) => drawMarks(u, this.shared.marks)],
         setCursor: [(u) => this.pointed(u)],
         setSelect: [(u) => this.chosen(u)],
       },

@@ -1,7 +1,11 @@
 /** What is chosen: study, version, run, row, time window. The choice is also in the address, so that a reload keeps it. */
 
 const IN_ADDRESS = ["run", "row", "t0", "t1"];
-const NUMBERS = new Set(["t0", "t1"]);
+/** What the view Compare shows beside the chosen row (compare_layout.js); in its own address only. */
+export const LAYOUT = ["rows", "channels", "formulas", "over", "xy", "a", "b", "without"];
+const NUMBERS = new Set(["t0", "t1", "a", "b"]);
+
+const inAddress = (view) => (view === "compare" ? [...IN_ADDRESS, ...LAYOUT] : IN_ADDRESS);
 
 /**
  * The state and its listeners.
@@ -10,6 +14,7 @@ const NUMBERS = new Set(["t0", "t1"]);
  */
 export function createState() {
   const state = { study: null, version: null, run: null, row: null, t0: null, t1: null, cursor: null };
+  for (const key of LAYOUT) state[key] = null;
   const listeners = new Set();
 
   function notify(patch) {
@@ -40,7 +45,7 @@ export function readHash(hash) {
   const [path, query] = hash.replace(/^#\/?/, "").split("?");
   const search = new URLSearchParams(query ?? "");
   const patch = {};
-  for (const key of IN_ADDRESS) {
+  for (const key of inAddress(path)) {
     const text = search.get(key);
     if (text === null || text === "") patch[key] = null;
     else if (!NUMBERS.has(key)) patch[key] = text;
@@ -57,7 +62,7 @@ export function readHash(hash) {
  */
 export function writeHash(view, state) {
   const search = new URLSearchParams();
-  for (const key of IN_ADDRESS) {
+  for (const key of inAddress(view)) {
     const value = state[key];
     if (value === null || value === undefined) continue;
     search.set(key, NUMBERS.has(key) ? String(Math.round(value * 1e3) / 1e3) : value);

@@ -1,21 +1,22 @@
-/** Compare: measured against modelled, row by row, with the share of each effect and any channel on the same time. */
+/** Compare: measured against modelled, row by row, with other versions, runs, channels and formulas on the same time. */
 
 import { needing, veil } from "../widgets/pending.js";
-import { timeChart } from "../charts/time_chart.js";
+import { link } from "../charts/linked_axes.js";
+import { compareBar } from "./compare_bar.js";
+import { channelCharts } from "./compare_channels.js";
+import { cursorPanel } from "./compare_cursors.js";
+import { forcesPanel } from "./compare_forces.js";
+import { layoutOf, patchOf } from "./compare_layout.js";
+import { colourOf, named, overlayPicker } from "./compare_overlays.js";
 import { scoresOf, sourcesTable, strip, table, validation } from "./compare_scores.js";
 import { rowStack } from "./compare_stack.js";
-import { forcesPanel } from "./compare_forces.js";
+import { xyPanel } from "./compare_xy.js";
 import { h } from "../widgets/dom.js";
-import { times } from "../widgets/format.js";
-import { readChannels } from "../net/run_channels.js";
-import { runName } from "../net/state.js";
+import { LAYOUT } from "../net/state.js";
 
 const SYNC = "compare";
-const KEPT = 40; // series kept, so that going back to a row is immediate
+const KEPT = 60; // series kept, so that going back to a row is immediate
 const series = new Map();
-const KEPT_CHANNELS = 90; // those of two runs
-const measured = new Map();
-const kept = { beneath: new Set(), channels: [], shares: true, centred: true };
 
 /**
  * @param {HTMLElement} root
@@ -36,61 +37,62 @@ export async function show(root, app) {
   };
 }
 
-function keep(list, path, one, most) {
-  list.set(path, one);
-  if (list.size > most) list.delete(list.keys().next().value);
-}
-
 class Compare {
   constructor(root, app) {
     this.app = app;
     this.turn = 0;
     this.stacks = new Map();
-    this.plots = new Map();
     this.onZoom = (t0, t1, whole) => {
       this.own = true;
       app.set(whole ? { t0: null, t1: null } : { t0, t1 });
       this.own = false;
-      this.wholeButton.disabled = whole;
+      this.bar.whole(whole);
+      this.aside();
     };
-    this.bar(root);
+    this.overlays = overlayPicker({
+      add: (one) => this.change((layout) => layout.overlays.push(one)),
+      remove: (k) => this.change((layout) => layout.overlays.splice(k, 1)),
+    });
+    this.bar = compareBar(this.acts(), this.overlays.select);
     this.heading = h("p", { class: "validation", "data-testid": "validation" });
     this.strip = h("div", { class: "score-strip" });
     this.rows = h("div", { class: "stacks" });
-    this.channels = h("div", { class: "channels" });
     this.table = h("div", { class: "scroll" });
-    this.scores = h("section", { class: "panel all-scores" }, h("h2", null, "All rows of this run"), this.table);
     this.sources = h("div", { class: "scroll", "data-testid": "row-sources" });
-    const formed = h("section", { class: "panel all-scores" }, h("h2", null, "Where the rows come from"), this.sources);
     this.forces = forcesPanel();
-    root.append(h("section", { class: "panel compare-head" }, this.heading, this.strip), this.rows, this.channels, this.forces.element,
-      this.scores, formed);
+    this.cursors = cursorPanel({ set: (a, b) => app.set({ a, b }) });
+    this.xy = xyPanel({ set: (pair) => this.change((layout) => { layout.xy = pair; }) });
+    this.channels = channelCharts(app, { sync: SYNC, onZoom: this.onZoom, onDrawn: () => this.window(),
+      onClose: (kind, name) => this.change((layout) => {
+        const names = layout[`${kind}s`];
+        names.splice(names.indexOf(name), 1);
+      }) });
+    root.append(this.bar.element, this.overlays.chips,
+      h("section", { class: "panel compare-head" }, this.heading, this.strip), this.rows, this.channels.element, this.cursors.element,
+      this.xy.element, this.forces.element, h("section", { class: "panel all-scores" }, h("h2", null, "All rows of this run"), this.table),
+      h("section", { class: "panel all-scores" }, h("h2", null, "Where the rows come from"), this.sources));
     this.veil = veil(this.rows);
+    root.addEventListener("pointerdown", (event) => { this.pressed = event.clientX; }, true);
+    root.addEventListener("click", (event) => this.clicked(event));
   }
 
-  bar(root) {
+  acts() {
     const { app } = this;
-    const option = (value, text) => h("option", { value, text });
-    this.run = h("select", { "aria-label": "run", "data-testid": "compare-run", onchange: () => app.set({ run: this.run.value }) });
-    this.row = h("select", { "aria-label": "row", "data-testid": "row-select", onchange: () => app.set({ row: this.row.value }) });
-    const step = (by, text, label) => h("button", { type: "button", class: "step", text, "aria-label": label, title: label,
-      onclick: () => this.step(by) });
-    this.more = h("select", { class: "more", "aria-label": "add a row beneath", onchange: () => this.beneath(this.more.value, true) });
-    this.channel = h("select", { class: "more", "aria-label": "add a channel beneath", "data-testid": "channel-select",
-      onchange: () => this.addChannel(this.channel.value) });
-    this.more.append(option("", "+ row …"));
-    this.channel.append(option("", "+ channel …"));
-    const check = (key, text, title) => h("label", { class: "check", title }, h("input", { type: "checkbox", checked: kept[key],
-      onchange: (e) => {
-        kept[key] = e.target.checked;
-        for (const stack of this.stacks.values()) stack.parts(kept);
-        this.window();
-      } }), text);
-    this.wholeButton = h("button", { type: "button", class: "small", text: "Whole run", title: "Show the whole run (double click, or 0)",
-      disabled: true, onclick: () => { app.set({ t0: null, t1: null }); } });
-    root.append(h("div", { class: "bar compare-bar" }, this.run, step(-1, "↑", "the row before"), this.row,
-      step(1, "↓", "the row after"), this.more, this.channel, check("shares", "Shares", "the share of each effect"),
-      check("centred", "About means", "shares without their mean: what static loads hide"), this.wholeButton));
+    return {
+      run: (run) => app.set({ run }),
+      row: (row) => app.set({ row }),
+      step: (by) => this.step(by),
+      beneath: (row) => this.beneath(row, true),
+      channel: (name) => name && this.change((layout) => layout.channels.includes(name) || layout.channels.push(name), `channel ${name}`),
+      formula: (text) => this.change((layout) => layout.formulas.includes(text) || layout.formulas.push(text), `formula ${text}`),
+      whole: () => app.set({ t0: null, t1: null }),
+      save: (kind) => void this.save(kind),
+      part: (key, on) => {
+        if (key === "cursors") this.setCursors(on);
+        else if (key === "xy") this.change((layout) => { layout.xy = on ? this.firstPair() : null; });
+        else this.change((layout) => { layout[key] = on; });
+      },
+    };
   }
 
   get version() {
@@ -98,15 +100,31 @@ class Compare {
     return study.versions.find((v) => v.version === version);
   }
 
+  get layout() {
+    return layoutOf(this.app.state);
+  }
+
+  /** Changes what is shown; `reveal` : a chart to scroll to. */
+  change(edit, reveal = "") {
+    const { layout } = this;
+    edit(layout);
+    this.app.set(patchOf(layout));
+    if (reveal) this.channels.reveal(reveal);
+  }
+
   changed(patch) {
     if ("study" in patch || "version" in patch) {
       if (patch.study && !patch.study.exists) return;
       this.everything();
     } else if ("run" in patch) {
-      if (!("t0" in patch)) this.app.set({ t0: null, t1: null });
+      if (!("t0" in patch)) this.app.set({ t0: null, t1: null, ...(this.layout.cursors ? { a: null, b: null } : {}) });
       this.everything();
     } else if ("row" in patch) this.everything();
-    else if (("t0" in patch || "t1" in patch) && !this.own) this.window();
+    else if (LAYOUT.some((key) => key in patch && key !== "a" && key !== "b" && key !== "xy")) this.everything();
+    else {
+      if (("t0" in patch || "t1" in patch) && !this.own) this.window();
+      if ("a" in patch || "b" in patch || "xy" in patch) this.aside();
+    }
   }
 
   /** Fills controls and scores from what is known already, then fetches the series. */
@@ -115,88 +133,68 @@ class Compare {
     const version = this.version;
     if (!version || !state.run || !state.row) return; // a short address: the page is about to choose
     this.found = scoresOf(version, state.run);
-    this.choices(version);
     const [kind, why] = validation(this.found.used, state.run);
     this.heading.replaceChildren(h("b", { text: kind }), `: ${why}.`);
     this.strip.replaceChildren(strip(this.found.rows.find((s) => s.row === state.row)));
-    this.list();
+    this.table.replaceChildren(table({ rows: this.found.rows, chosen: state.row, beneath: new Set(this.layout.rows),
+      onRow: (row) => this.app.set({ row }), onBeneath: (row, on) => this.beneath(row, on) }));
+    this.sources.replaceChildren(sourcesTable(version.row_sources));
     this.forces.of(this.found.used ? "" : `api/forces/${state.version}/${encodeURIComponent(state.run)}`);
     this.arrange();
     void this.fetch();
     void this.channelNames();
   }
 
-  choices(version) {
-    const { state } = this.app;
-    const group = (label, runs) => (runs.length ? h("optgroup", { label },
-      runs.map((r) => h("option", { value: runName(r), text: runName(r) }))) : null);
-    this.run.replaceChildren(...[group("used for the fit", version.used ?? state.study.used ?? []),
-      group("held out", version.held ?? state.study.held ?? [])].filter(Boolean));
-    this.run.value = state.run;
-    const rows = this.found.rows;
-    this.row.replaceChildren(...rows.map((s) => h("option", { value: s.row, text: `${s.row}: ${times(s.ratio)}` })));
-    this.row.value = state.row;
-    this.more.replaceChildren(h("option", { value: "", text: "+ row …" }),
-      ...rows.filter((s) => s.row !== state.row && !kept.beneath.has(s.row)).map((s) => h("option", { value: s.row, text: s.row })));
-  }
-
-  list() {
-    this.table.replaceChildren(table({
-      rows: this.found.rows, chosen: this.app.state.row, beneath: kept.beneath,
-      onRow: (row) => this.app.set({ row }), onBeneath: (row, on) => this.beneath(row, on),
-    }));
-    this.sources.replaceChildren(sourcesTable(this.version?.row_sources));
-  }
-
   step(by) {
     const rows = this.found.rows.map((s) => s.row);
     if (!rows.length) return;
-    const k = (rows.indexOf(this.app.state.row) + by + rows.length) % rows.length;
-    this.app.set({ row: rows[k] });
+    this.app.set({ row: rows[(rows.indexOf(this.app.state.row) + by + rows.length) % rows.length] });
   }
 
   beneath(row, on) {
-    if (!row) return;
-    if (on) kept.beneath.add(row);
-    else kept.beneath.delete(row);
-    this.everything();
+    if (row) this.change((layout) => { layout.rows = [...layout.rows.filter((r) => r !== row), ...(on ? [row] : [])]; });
   }
 
   /** One stack for the chosen row, one for each beneath. */
   arrange() {
-    const { row } = this.app.state;
+    const { state } = this.app;
+    const { layout } = this;
+    this.bar.choices({ version: this.version, state, layout, rows: this.found.rows });
+    this.overlays.update(state.study, state, layout.overlays);
     const there = new Set(this.found.rows.map((s) => s.row));
-    const wanted = [row, ...[...kept.beneath].filter((r) => r !== row && there.has(r))];
+    const wanted = [state.row, ...layout.rows.filter((r) => r !== state.row && there.has(r))];
     for (const [name, stack] of this.stacks) {
-      if (wanted.includes(name) && stack.first === (name === row)) continue;
+      if (wanted.includes(name) && stack.first === (name === state.row)) continue;
       stack.destroy();
       this.stacks.delete(name);
     }
     for (const name of wanted) {
-      if (this.stacks.has(name)) continue;
-      const first = name === row;
-      const stack = rowStack(this.rows, { sync: SYNC, row: name, onZoom: this.onZoom, tall: first,
-        onClose: first ? null : () => this.beneath(name, false) });
-      stack.first = first;
-      stack.parts(kept);
-      if (first) this.rows.prepend(stack.element);
-      this.stacks.set(name, stack);
+      if (!this.stacks.has(name)) {
+        const first = name === state.row;
+        const stack = rowStack(this.rows, { sync: SYNC, row: name, onZoom: this.onZoom, tall: first,
+          onClose: first ? null : () => this.beneath(name, false) });
+        stack.first = first;
+        if (first) this.rows.prepend(stack.element);
+        this.stacks.set(name, stack);
+      }
+      this.stacks.get(name).parts(layout);
     }
   }
 
   async fetch() {
-    const { app } = this;
-    const { run, version } = app.state;
+    const { run, version } = this.app.state;
+    const { overlays, channels, formulas } = this.layout;
     const mine = ++this.turn;
     const slow = setTimeout(() => this.veil.say("Reading the series …"), 150);
-    const channels = this.fetchChannels(mine, run);
+    const beneath = this.channels.show(run, version, channels, formulas);
     try {
-      const found = await Promise.all([...this.stacks].map(async ([row, stack]) => [stack, await this.get(version, run, row)]));
+      const found = await Promise.all([...this.stacks].map(async ([row, stack]) => [stack, await this.get(version, run, row),
+        await this.over(overlays, version, run, row)]));
       if (mine !== this.turn) return;
       this.veil.clear();
-      for (const [stack, one] of found) stack.show(one);
+      for (const [stack, one, over] of found) stack.show(one, over);
       this.window();
-      await channels;
+      await beneath;
     } catch (cause) {
       if (mine === this.turn) this.veil.fail(cause, () => void this.fetch());
     } finally {
@@ -207,9 +205,24 @@ class Compare {
   async get(version, run, row) {
     const path = `api/series/${version}/${encodeURIComponent(run)}/${encodeURIComponent(row)}`;
     if (!series.has(path)) {
-      keep(series, path, await needing(this.app, () => this.app.api.binary(path), { version }, this.veil), KEPT);
+      series.set(path, await needing(this.app, () => this.app.api.binary(path), { version }, this.veil));
+      if (series.size > KEPT) series.delete(series.keys().next().value);
     }
     return series.get(path);
+  }
+
+  /** Series of the overlays; one that the version or run does not have is left out, and said to be. */
+  async over(overlays, version, run, row) {
+    const out = await Promise.all(overlays.map(async (one, k) => {
+      try {
+        const found = await this.get(one.version ?? version, one.run ?? run, row);
+        return { found, name: named(one), colour: colourOf(k), otherRun: one.run !== null };
+      } catch (cause) {
+        this.app.complain(cause);
+        return null;
+      }
+    }));
+    return out.filter(Boolean);
   }
 
   window() {
@@ -217,7 +230,58 @@ class Compare {
     const any = this.stacks.values().next().value;
     const whole = t0 === null || t1 === null;
     any?.setWindow(whole ? null : t0, whole ? null : t1);
-    this.wholeButton.disabled = whole;
+    this.bar.whole(whole);
+    requestAnimationFrame(() => this.aside()); // the window is set a frame later
+  }
+
+  // -- cursors, XY, files -------------------------------------------------------------------------------------------
+
+  figures() {
+    return [...[...this.stacks.values()].flatMap((stack) => stack.figures()), ...this.channels.figures()].filter((f) => f.t.length);
+  }
+
+  /** Cursors and XY plot from the curves as they are now. */
+  aside() {
+    if (this.gone) return;
+    const { a, b } = this.app.state;
+    const { layout } = this;
+    link(SYNC).setMarks(layout.cursors ? [{ t: a, label: "A" }, { t: b, label: "B" }] : []);
+    if (!layout.cursors && !layout.xy && this.cursors.element.hidden && this.xy.element.hidden) return;
+    const figures = this.figures();
+    this.cursors.update(a, b, figures);
+    this.xy.update(layout.xy, figures);
+  }
+
+  setCursors(on) {
+    const [t0, t1] = link(SYNC).shown;
+    const at = (part) => Math.round(1e3 * (t0 + part * (t1 - t0))) / 1e3;
+    this.app.set(on ? { a: at(0.25), b: at(0.75) } : { a: null, b: null });
+  }
+
+  /** A click on a chart moves the nearer cursor there; a drag has chosen a window instead. */
+  clicked(event) {
+    if (!this.layout.cursors || !event.target.closest?.(".chart-plot .u-over")) return;
+    const t = link(SYNC).cursor;
+    if (t === null || event.detail > 1 || Math.abs(event.clientX - this.pressed) > 4) return;
+    const { a, b } = this.app.state;
+    const at = Math.round(1e3 * t) / 1e3;
+    this.app.set(Math.abs(at - a) <= Math.abs(at - b) ? { a: at } : { b: at });
+  }
+
+  firstPair() {
+    const row = this.app.state.row;
+    return [`${row}: modelled`, `${row}: measured`];
+  }
+
+  async save(kind) {
+    const { state } = this.app;
+    const name = `${state.study.name}-v${state.version}-${state.run}-${state.row}`.replace(/[^\w.-]+/g, "_");
+    const title = `${state.study.name}, version ${state.version}, run ${state.run}, ${link(SYNC).shown.map((t) => t.toFixed(2)).join(" to ")} s`;
+    const { csv, png, save, svg } = await import("./compare_export.js");
+    const [figures, xy] = [this.figures(), this.xy.figure()];
+    if (kind === "csv") save(`${name}.csv`, csv(figures, xy), "text/csv");
+    else if (kind === "svg") save(`${name}.svg`, svg(title, figures, xy), "image/svg+xml");
+    else save(`${name}.png`, await png(title, figures, xy), "image/png");
   }
 
   async channelNames() {
@@ -226,76 +290,17 @@ class Compare {
     this.namesOf = run;
     try {
       const about = await this.app.api.get(`api/runs/${encodeURIComponent(run)}`);
-      if (this.namesOf !== run) return;
-      this.channel.replaceChildren(h("option", { value: "", text: "+ channel …" }), ...(about.channels ?? []).map((c) =>
-        h("option", { value: c.name, text: `${c.name}${c.unit ? ` [${c.unit}]` : ""}` })));
+      if (this.namesOf === run) this.bar.channels(about.channels ?? []);
     } catch (cause) {
       this.app.complain(cause);
     }
   }
 
-  async addChannel(name) {
-    this.channel.value = "";
-    if (!name || kept.channels.includes(name)) return;
-    kept.channels.push(name);
-    const over = this.fetchChannels(this.turn, this.app.state.run);
-    this.plots.get(name)?.box.scrollIntoView({ block: "nearest" });
-    await over;
-  }
-
-  async fetchChannels(mine, run) {
-    for (const name of kept.channels) {
-      if (!this.plots.has(name)) this.plots.set(name, this.channelBox(name));
-    }
-    const path = (name) => `${run} ${name}`;
-    const names = [...this.plots.keys()];
-    const there = names.filter((name) => measured.has(path(name)));
-    if (there.length) this.drawChannels(new Map(there.map((name) => [name, measured.get(path(name))])));
-    const lacking = names.filter((name) => !measured.has(path(name)));
-    if (!lacking.length) return;
-    this.reading?.abort();
-    this.reading = new AbortController();
-    try {
-      await readChannels(run, lacking, (found) => {
-        for (const [name, one] of found) if (!one.rough) keep(measured, path(name), one, KEPT_CHANNELS);
-        if (mine === this.turn) this.drawChannels(found);
-      }, this.reading.signal);
-    } catch (cause) {
-      if (cause.name === "AbortError" || mine !== this.turn) return;
-      for (const name of lacking) this.plots.get(name)?.veil.fail(cause);
-    }
-  }
-
-  drawChannels(found) {
-    for (const [name, { t, parts, unit, rough }] of found) {
-      const plot = this.plots.get(name);
-      if (!plot) continue; // taken away meanwhile
-      plot.veil.clear();
-      plot.chart.update({ t, unit, rough, series: parts.map(([part, values], k) =>
-        ({ name: part === "value" ? "measured" : part, values, colour: `--effect-${k % 8}` })) });
-    }
-    this.window();
-  }
-
-  channelBox(name) {
-    const close = h("button", { type: "button", class: "small quiet stack-close", "aria-label": `Take ${name} away`, text: "Take away",
-      onclick: () => {
-        kept.channels.splice(kept.channels.indexOf(name), 1);
-        this.plots.get(name)?.chart.destroy();
-        this.plots.delete(name);
-        box.remove();
-      } });
-    const box = h("section", { class: "panel stack", "aria-label": `channel ${name}` }, close);
-    this.channels.append(box);
-    const chart = timeChart(box, { t: new Float32Array(0), series: [], title: name, sync: SYNC, height: 130, onZoom: this.onZoom,
-      testid: `chart-channel-${name}` });
-    return { box, chart, veil: veil(box) };
-  }
-
   close() {
     this.turn += 1;
-    this.reading?.abort();
+    this.gone = true;
+    this.channels.close();
+    this.xy.destroy();
     for (const stack of this.stacks.values()) stack.destroy();
-    for (const plot of this.plots.values()) plot.chart.destroy();
   }
 }

@@ -2,6 +2,7 @@
 
 import { stacked } from "../charts/area.js";
 import { timeChart } from "../charts/time_chart.js";
+import { onto } from "./compare_overlays.js";
 import { h } from "../widgets/dom.js";
 
 const MOST_LAYERS = 8;
@@ -12,14 +13,15 @@ const colours = new Map(); // kind of effect → place in the palette: springs a
  * Charts of a row, with their heights reserved before there is anything to draw.
  * @param {HTMLElement} root
  * @param {{sync: string, row: string, onZoom: Function, onClose?: () => void, tall?: boolean}} options
- * @returns {{element: HTMLElement, show: (found: {meta: object, arrays: object}) => void,
- *   parts: (options: {shares: boolean, centred: boolean}) => void, setWindow: Function, destroy: () => void}}
+ * @returns {{element: HTMLElement, show: (found: {meta: object, arrays: object}, over?: object[]) => void,
+ *   parts: (options: {shares: boolean, centred: boolean}) => void, setWindow: Function, figures: () => object[],
+ *   destroy: () => void}} `over` : overlays `{found, name, colour, otherRun}`
  */
 export function rowStack(root, { sync, row, onZoom, onClose, tall = true }) {
   const element = h("section", { class: "panel stack", "aria-label": `charts of ${row}`, data: { row } });
   if (onClose) {
     element.append(h("button", { type: "button", class: "small quiet stack-close", onclick: onClose,
-      "aria-label": `Take ${row} away`, text: "Take away" }));
+      "aria-label": `Close the charts of ${row}`, text: "Close" }));
   }
   root.append(element);
   const base = { t: NOTHING, sync, onZoom };
@@ -47,18 +49,24 @@ export function rowStack(root, { sync, row, onZoom, onClose, tall = true }) {
   shares();
   return {
     element,
-    show(next) {
+    show(next, over = []) {
+      const same = found === next;
       found = next;
       const { meta, arrays } = found;
       const { t, measured, modelled } = arrays;
-      first.update({ t, unit: meta.unit, series: lines(measured, modelled) });
-      second.update({ t, unit: meta.unit, series: rest(measured.map((v, i) => v - modelled[i]), meta.floor) });
-      shares();
+      const drawn = over.map((one) => overlaid(t, one));
+      first.update({ t, unit: meta.unit, series: [...lines(measured, modelled), ...drawn.flatMap((one) => one.lines)] });
+      second.update({ t, unit: meta.unit,
+        series: [...rest(measured.map((v, i) => v - modelled[i]), meta.floor), ...drawn.map((one) => one.residual)] });
+      if (!same) shares();
     },
     parts(next) {
+      if (next.shares === how.shares && next.centred === how.centred) return;
       how = next;
       shares();
     },
+    figures: () => [{ ...first.figure(), title: row }, { ...second.figure(), title: `${row}, residual` },
+      ...(third ? [{ ...third.figure(), title: `${row}, shares` }] : [])],
     setWindow: (t0, t1) => first.setWindow(t0, t1),
     destroy() {
       for (const chart of [first, second, third]) chart?.destroy();
@@ -72,6 +80,17 @@ function lines(measured, modelled) {
     { name: "measured", values: measured, colour: "--measured", width: 1.4 },
     { name: "modelled", values: modelled, colour: "--modelled", width: 1.4 },
   ];
+}
+
+/** Curves of an overlay on the time of the row: modelled, residual, and of another run what was measured there. */
+function overlaid(t, { found: { arrays }, name, colour, otherRun }) {
+  const on = (values) => onto(t, arrays.t, values, otherRun);
+  const residual = arrays.measured.map((v, i) => v - arrays.modelled[i]);
+  const measured = otherRun ? [{ name: `measured, ${name}`, values: on(arrays.measured), colour, width: 1, dash: [2, 3] }] : [];
+  return {
+    lines: [...measured, { name: `modelled, ${name}`, values: on(arrays.modelled), colour, width: 1.4, dash: [7, 4] }],
+    residual: { name, values: on(residual), colour, width: 1 },
+  };
 }
 
 function rest(residual, floor) {

@@ -3,7 +3,7 @@
 import { h } from "./dom.js";
 
 const KEYS = [
-  ["1 … 6", "choose a view"],
+  ["1 … 7", "choose a view"],
   ["↑ ↓", "the row before, the row after"],
   ["← →", "the run before, the run after"],
   ["/", "write an effect of your own"],

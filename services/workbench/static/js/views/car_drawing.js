@@ -1,0 +1,64 @@
+/** The car from above with what its axles do in roll: roll stiffness and load transfer as bars across them. */
+
+import { s } from "../widgets/dom.js";
+import { short } from "../widgets/format.js";
+
+const WIDE = 300;
+const TALL = 400;
+const LONGEST = 150; // bar of the stiffer axle [px]
+const AXLES = { front: 96, rear: 304 };
+const STIFFNESS = [["roll_stiffness_springs", "springs", "part-0"], ["roll_stiffness_bars", "anti-roll bar", "part-1"]];
+const TRANSFER = [["load_transfer_elastic", "springs and bar", "part-2"], ["load_transfer_geometric", "roll centre", "part-3"],
+  ["load_transfer_unsprung", "unsprung", "part-4"]];
+
+/**
+ * Draws the car.
+ * @param {Map<string, object>} at "kind place" → derived value
+ * @returns {SVGElement}
+ */
+export function drawing(at) {
+  const get = (kind, place) => {
+    const found = at.get(`${kind} ${place}`);
+    return found?.determined ? found : null;
+  };
+  const gradient = get("roll_gradient", "car");
+  return s("svg", { class: "car-numbers", viewBox: `0 0 ${WIDE} ${TALL}`, role: "img", "aria-label": about(get) },
+    s("path", { class: "outline", d: `M90 60 Q90 14 150 12 Q210 14 210 60 L214 330 Q212 384 150 388 Q88 384 86 330 Z` }),
+    s("path", { class: "glass", d: "M100 140 Q150 122 200 140 L192 172 Q150 162 108 172 Z M106 268 Q150 280 194 268 L198 290 Q150 304 102 290 Z" }),
+    Object.entries(AXLES).flatMap(([axle, y]) => [
+      s("path", { class: "axle", d: `M52 ${y} H248` }),
+      ...[34, 248].map((x) => s("rect", { class: "tyre", x, y: y - 34, width: 18, height: 68, rx: 5 })),
+      ...bars("roll stiffness", STIFFNESS, "roll_stiffness", axle, y - 14, get),
+      ...bars("load transfer", TRANSFER, "load_transfer", axle, y + 34, get),
+    ]),
+    gradient ? s("text", { class: "middle", x: WIDE / 2, y: 216, "text-anchor": "middle", text: `rolls ${short(gradient.value, 3)} ${gradient.unit}` }) : null,
+    s("text", { class: "small", x: WIDE / 2, y: 34, "text-anchor": "middle", text: "front" }));
+}
+
+/** A bar in parts, as long as its axle's value beside the larger of both axles; its number above it. */
+function bars(title, parts, whole, axle, y, get) {
+  const own = get(whole, axle);
+  if (!own) return [];
+  const most = Math.max(...["front", "rear"].map((a) => Math.abs(get(whole, a)?.value ?? 0)));
+  const scale = LONGEST / most;
+  let x = WIDE / 2 - (scale * Math.abs(own.value)) / 2;
+  const out = [s("text", { class: "small", x: WIDE / 2, y: y - 4, "text-anchor": "middle", text: `${title} ${short(own.value, 3)} ${own.unit}` })];
+  for (const [kind, words, colour] of parts) {
+    const part = get(kind, axle);
+    if (!part || !part.value) continue;
+    const width = scale * Math.abs(part.value);
+    out.push(s("rect", { x, y, width, height: 12, class: `part ${colour}` },
+      s("title", { text: `${words}: ${short(part.value, 3)} ${part.unit}` })));
+    if (width > 6 * words.length) out.push(s("text", { class: "in-bar", x: x + width / 2, y: y + 10, "text-anchor": "middle", text: words }));
+    x += width;
+  }
+  return out;
+}
+
+function about(get) {
+  const parts = ["front", "rear"].flatMap((axle) => ["roll_stiffness", "load_transfer"].map((kind) => {
+    const d = get(kind, axle);
+    return d ? `${axle} ${d.label} ${short(d.value, 3)} ${d.unit}` : "";
+  }));
+  return `the car from above: ${parts.filter(Boolean).join(", ") || "no roll values determined"}`;
+}
