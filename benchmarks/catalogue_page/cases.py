@@ -104,6 +104,7 @@ CASES: dict[str, Case] = {
         for way in ("bump", "rebound")
     },
     "damper_hysteresis": _suspension("damper_hysteresis", 200.0, "travel", STEERING, loop=True, length=0.003),
+    "damper_mount": _suspension("series_damper", 15e3, "travel rate", loop=True, c=1500.0),
     "damper_stroke": _suspension("damper_stroke", 2e4, "travel × travel rate"),
     "damper_stroke_symmetric": Case(
         "travel rate", SLALOM, "suspension.f*", "damper_stroke_symmetric.front", 4e4, beside=BUMPY, how="law"

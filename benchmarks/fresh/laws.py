@@ -88,10 +88,11 @@ LAWS: tuple[Law, ...] = (
 UNLISTED: tuple[Law, ...] = (
     Law("friction of the load", "friction_of_load", "unlisted", (2e3, 8e3), 1.2e4, shape={"v0": (0.005, 0.02)}),
     Law("interconnection", "interconnection", "unlisted", (1e3, 6e3), 1e4, ()),
-    Law("damper on a soft mount", "series_damper", "unlisted", (2e3, 1.5e4), 2e4, shape={"c": (800.0, 2000.0)}),
+    Law("damper with a by-pass groove", "damper_groove", "unlisted", (1500.0, 4e3), 5e3,
+        shape={"length": (0.008, 0.02)}),
     Law("sloshing load", "liquid_load", "unlisted", (60.0, 200.0), 300.0, (), {"length": (0.15, 0.35)}),
     Law("trailer", "trailer", "unlisted", (150.0, 600.0), 800.0, (), {"length": (2.0, 3.0)}),
-)
+)  # fmt: skip
 """Laws that no family of the catalogue is."""
 
 TOLERANCES = (14.0, 25.0)

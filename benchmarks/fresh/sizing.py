@@ -33,7 +33,7 @@ BAND = 2.0 * math.pi * CUTOFF
 """Angular frequency [rad/s] at which a derivative of noise is counted."""
 MOUNT = 0.3
 """Height of a laser above its wheel centre [m], roughly."""
-WITHOUT = ("series_damper", "liquid_load", "trailer")
+WITHOUT = ("liquid_load", "trailer")
 """Kinds whose force is no function of the motion of wheels and body: not sized by √λ."""
 
 

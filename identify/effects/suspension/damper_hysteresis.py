@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
-from lacet.daq.vehicle import Vehicle
-from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import AXLES, Parameter, PhysicalEffect
+from lacet.identify.car.motion import CornerMotion
+from lacet.identify.effects.base import Parameter
 from lacet.identify.effects.memory import dahl
+from lacet.identify.effects.suspension.with_memory import SuspensionForceWithMemory
 from lacet.identify.multibody.vectors import Array
 
 
-class DamperHysteresis(PhysicalEffect):
+class DamperHysteresis(SuspensionForceWithMemory):
     """Dahl's friction: F = f z, dz/ds = (1 − z sign ṡ) / length, so that z goes from −1 to 1 over some lengths.
 
     It depends on the path, not on time: between reversals z = ±1 + (z0 ∓ 1) exp(−|Δs| / length), which is what is
@@ -25,24 +24,16 @@ class DamperHysteresis(PhysicalEffect):
     signature = "suspension row is a loop against travel, as wide at slow as at fast travel"
     shown_by = "slow sinus steering, smooth driving: many reversals of a small travel"
     source = "Dahl (1976), AIAA Journal 14, 1675; Fancher et al. (1980), SAE 800905"
-    rows = ("suspension",)
     looks_like = ("coulomb",)
-    instantaneous = False
     # Shorter strokes than a few tenths of a millimetre of laser noise cannot be followed.
     grids: ClassVar = {"length": (0.001, 0.003, 0.01)}
     bounds: ClassVar = {"length": (0.001, 0.03)}
-
-    @classmethod
-    def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
-        """One variant for each axle and for each corner."""
-        return [cls(where) for where in (*AXLES, *vehicle.corners)]
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Friction force f."""
         return (self.named("f", "N", 0.0, 1500.0, "positive"),)
 
-    def columns(self, motion: Motion) -> dict[str, Array]:
-        """z at the corners acted on."""
-        length = self.shape.get("length", 0.003)
-        return {f"suspension.{c}": dahl(motion.corners[c].travel, length)[None] for c in self.corners()}
+    def course(self, corner: CornerMotion, step: float) -> Array:
+        """z."""
+        return dahl(corner.travel, self.shape.get("length", 0.003))

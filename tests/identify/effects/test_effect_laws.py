@@ -15,9 +15,9 @@ from lacet.identify.effects.body.engine_mount import EngineMount
 from lacet.identify.effects.catalogue import catalogue, effect_classes
 from lacet.identify.effects.memory import dahl
 from lacet.identify.effects.suspension.damper_asymmetry import DamperAsymmetry
-from lacet.identify.effects.suspension.damper_hysteresis import DamperHysteresis
 from lacet.identify.effects.suspension.damper_knee import DamperKnee, DamperKneeBump, DamperKneeRebound
 from lacet.identify.effects.suspension.stops import BumpStop, ReboundStop
+from lacet.identify.effects.suspension.with_memory import SuspensionForceWithMemory
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.regression.sensitivity import Sensitivity, residual
 from tests.identify import cars
@@ -118,7 +118,7 @@ def test_what_says_it_is_instantaneous_is() -> None:
         whole, some = effect.columns(motion), effect.columns(part)
         same = all(np.allclose(some[row], whole[row][:, index], rtol=1e-9, atol=1e-9) for row in whole)
         assert same or not effect.instantaneous, key
-        if isinstance(effect, DamperHysteresis | EngineMount | ChassisTorsion):
+        if isinstance(effect, SuspensionForceWithMemory | EngineMount | ChassisTorsion):
             assert not same, key
 
 

@@ -55,6 +55,7 @@ def refused(text: str) -> LineFault:
     ("x = suspension: d * sign(rate) * max(0, abs(rate) - v0), v0 = 50 70 100 150 250 mm/s", "damper_knee"),
     ("x = suspension: p * abs(travel) * rate", "damper_stroke_symmetric"),
     ("x = suspension: f * hysteresis(travel, length), length = 1 3 10 mm", "damper_hysteresis"),
+    ("x = suspension: c * (lag(rate, T) - rate), T = 5 20 80 300 ms, c in 0..10000 N·s/m", "damper_mount"),
     ("x = suspension: k * 10 mm*(max(0, travel - gap)/10 mm)**n, gap = 5 10 15 20 30 40 60 mm, n = 1 2", "bump_stop"),
     ("x = chassis.fx: d*speed*abs(speed); chassis.my: m*vx*abs(vx)", "aero_drag"),
 ])  # fmt: skip

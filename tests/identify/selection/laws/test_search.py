@@ -48,11 +48,13 @@ def test_a_law_of_the_catalogue_has_its_name(space: ScoreTests) -> None:
     bar = laws["p * (travel - travel_other)"]("front")
     friction = laws["p * tanh(rate/v0)"]("front", {"v0": 0.014})
     turning = laws["p * hysteresis(travel, length)"]("front", {"length": 0.005})
+    mounted = laws["p * lag(rate, T)"]("front", {"T": 0.03})
     other = laws["p * abs(travel)*abs(rate)"]("front")
-    names = catalogue_names(space, [bar, friction, turning, other])
+    names = catalogue_names(space, [bar, friction, turning, mounted, other])
     assert names[key_of(bar)] == ("anti_roll_bar.front",)
     assert names[key_of(friction)] == ("coulomb.front",)
     assert names[key_of(turning)] == ("damper_hysteresis.front",)
+    assert names[key_of(mounted)] == ("damper_mount.front",)
     assert names[key_of(other)] == ()
 
 
