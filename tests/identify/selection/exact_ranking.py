@@ -11,6 +11,7 @@ CANDIDATES = [
     for key in (
         "coulomb.front", "spring_quadratic.front", "spring_cubic.front", "damper_stroke.front",
         "damper_asymmetry.front", "damper_hysteresis.front", "damper_digressive.front", "anti_roll_bar.front",
+        "damper_mount.front",
         "tyre_damping.rear", "sensor_gain.hub.fl",
     )
 ]  # fmt: skip
