@@ -136,7 +136,7 @@ class Assembly:
         for key in self.series:
             if key in piece and len(piece[key].t):
                 self._held[key] = self._held.get(key, _NONE).then(piece[key])
-        if together and fresh is not None and not len(waiting.t):
+        if together and fresh is not None and len(fresh.t) and not len(waiting.t):
             flags = _flags_of(fresh)
             for key in others:
                 flags = flags | _flags_of(piece[key])

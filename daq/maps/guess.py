@@ -140,7 +140,7 @@ def _read(source: Source) -> dict[str, Series]:
 def _described(name: str, unit: str, series: Series | None) -> Guess:
     if series is None or not np.isfinite(series.values).any():
         return Guess(name, unit, 0.0, np.nan, np.nan)
-    span = float(series.t[-1] - series.t[0])
+    span = float(series.t[-1]) - float(series.t[0])
     rate = (len(series.t) - 1) / span if span > 0.0 else 0.0
     return Guess(name, unit, rate, float(np.nanmin(series.values)), float(np.nanmax(series.values)))
 

@@ -180,3 +180,19 @@ def test_times_that_go_back_are_left_out_and_counted(tmp_path: Path) -> None:
     run = made(table(tmp_path / "a.csv", t=t, A=T), '[channels]\n"car.speed" = { from = "A", unit = "m/s" }')
     assert len(run.signals["car.speed"].t) == len(T) - 1
     assert any("1 samples have a time that does not increase" in problem for problem in run.problems)
+
+
+def test_a_channel_of_two_names_without_one_usable_time_is_left_out(tmp_path: Path) -> None:
+    file = table(tmp_path / "a.csv", t=T, own=np.full(len(T), np.nan), A=T, B=T, C=T)
+    run = made(file, """
+[sources]
+A = { unit = "m", time = "own" }
+B = { unit = "m", time = "own" }
+C = "m/s"
+own = "s"
+[channels]
+"suspension.fr.travel" = "A + B"
+"car.speed" = "C"
+""")  # fmt: skip
+    assert list(run.signals) == ["car.speed"]
+    assert f"own: {len(T)} samples have a time that does not increase and are left out" in run.problems
