@@ -140,6 +140,12 @@ def parse_dbc(text: str, name: str) -> list[BusMessage]:
         for signal in entry.signals
         if not (math.isfinite(signal.scale) and math.isfinite(signal.offset))
     ]
+    faults += [
+        f"message '{entry.name}': signal '{signal.name}' starts at bit {signal.start}; bits are counted from 0"
+        for entry in database.messages
+        for signal in entry.signals
+        if signal.start < 0
+    ]
     if faults:
         raise DbcError(name, faults)
     return [_message(entry) for entry in database.messages]

@@ -116,6 +116,8 @@ def _layout_faults(message: Message, signals: list[Signal]) -> list[str]:
     for i, signal in enumerate(signals):
         if signal.length > 64:
             faults.append(f"{place} '{signal.name}' has {signal.length} bits; 64 is the most")
+        if signal.start < 0:
+            faults.append(f"{place} '{signal.name}' starts at bit {signal.start}; bits are counted from 0")
         outside = [bit for bit in signal.bits if bit >= 8 * message.length]
         if outside:
             faults.append(

@@ -112,6 +112,8 @@ SEEDS: dict[str, tuple[str, Any, str]] = {
     "a table as a sensor's driver": ("rig", RIG.replace(b'"igel"', b"{ name = 1 }"), "must be a text"),
     "an infinite scale in a DBC": ("DBC", ROAD_DBC.replace(b"(0.1, 0)", b"(1e999, 0)"), "has factor inf"),
     "an infinite scale in an instrument's DBC": ("DBC of igel", IGEL_DBC.replace(b"(1,0)", b"(1e999,0)"), "factor inf"),
+    "a start bit below zero in a DBC": ("DBC", ROAD_DBC.replace(b": 0|16@1", b": -1|16@1"), "starts at bit -1"),
+    "a start bit below zero in an instrument's DBC": ("DBC of igel", IGEL_DBC.replace(b": 0|", b": -1|"), "at bit -1"),
     "a Latin-1 byte in a header": ("exchange table", table_with("t,Gierrate °/s", "latin-1"), "column"),
     "a Latin-1 byte in an import's header": ("import csv", table_with("t,Gierrate [°/s]", "latin-1"), "has Gierrate"),
 }  # fmt: skip
