@@ -19,7 +19,7 @@ endif
 # would spend seconds on compiling NumPy, SciPy and lacet anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help demo test lint format lock schema test-slow fuzz test-vcan benchmark first-work captures seeds coverage fewer no-loads blind fresh second-car laws campaign catalogue reference notebook clean moved
+.PHONY: help demo test lint format lock schema test-slow fuzz test-vcan benchmark first-work captures seeds coverage fewer no-loads blind fresh second-car laws campaign catalogue reference docs notebook clean moved
 
 help:
 	@echo 'make demo          the whole chain on committed captures, in 3 minutes (5 with the packages)'
@@ -43,6 +43,7 @@ help:
 	@echo 'make campaign      docs/benchmarks/campaign.md anew: 1, 10, 100 and 1,000 runs on two workers (half an hour)'
 	@echo 'make catalogue     docs/catalogue.md and its pictures anew'
 	@echo 'make reference     docs/reference/ anew from the docstrings'
+	@echo 'make docs          the pages of docs/ as a site that can be searched, in build/site; a broken link is an error'
 	@echo 'make notebook      docs/notebooks anew from their scripts (a few minutes)'
 	@echo 'make lock          requirements/ anew from pyproject.toml   (UPGRADE=1: newest versions)'
 	@echo 'make schema        generated code anew from daq/schema/lacet.proto'
@@ -123,6 +124,10 @@ reference: .venv/.dev
 
 catalogue: .venv/.dev
 	@$(PY) -m benchmarks.catalogue_page
+
+docs: .venv/.dev
+	@$(PY) -m sphinx -q -W --keep-going -b html docs build/site
+	@echo 'the pages: build/site/index.html'
 
 notebook: .venv/.dev
 	@$(PY) docs/notebooks/build.py

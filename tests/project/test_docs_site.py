@@ -1,0 +1,40 @@
+"""The documentation site is built without a warning, has every page in its navigation and can be searched."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from tests.support.places import HOME
+
+DOCS = HOME / "docs"
+
+
+def built(source: Path, out: Path) -> subprocess.CompletedProcess[str]:
+    """`make docs` of a folder."""
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html", str(source), str(out)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_the_site_has_every_page_and_needs_no_network(tmp_path: Path) -> None:
+    done = built(DOCS, tmp_path)
+    assert done.returncode == 0, done.stderr
+    pages = {one.relative_to(DOCS).with_suffix(".html") for kind in ("md", "ipynb") for one in DOCS.rglob(f"*.{kind}")}
+    assert {one.relative_to(tmp_path) for one in tmp_path.rglob("*.html")} >= pages
+    index = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert re.findall(r'caption-text">([^<]+)<', index)[:4] == ["Start", "How to", "Explanation", "Reference"]
+    assert ">The workbench<" in index
+    assert "latency" in (tmp_path / "searchindex.js").read_text(encoding="utf-8")
+    assert not re.findall(r'(?:src|<link[^>]*href)="https?:', index)
+
+
+def test_a_broken_link_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "decisions").mkdir()
+    shutil.copy(DOCS / "conf.py", tmp_path)
+    for link, code in (("other.md", 0), ("absent.md", 1)):
+        (tmp_path / "other.md").write_text("# Other\n")
+        (tmp_path / "index.md").write_text(f"# Pages\n\n**Start**\n- [x]({link})\n- [other.md](other.md)\n")
+        assert built(tmp_path, tmp_path / f"out{code}").returncode == code
