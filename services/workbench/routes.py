@@ -10,7 +10,7 @@ from fastapi import APIRouter, Body, Request
 from fastapi.responses import JSONResponse, Response, StreamingResponse
 
 from lacet.daq.errors import UsageError
-from lacet.services.workbench import exports, file_changes, study_views, uploads, user_effects
+from lacet.services.workbench import channel_maps, exports, file_changes, study_views, uploads, user_effects
 from lacet.services.workbench.events import Events
 from lacet.services.workbench.force_views import forces_png
 from lacet.services.workbench.formula_views import formula_body
@@ -83,6 +83,22 @@ def one_run(request: Request, name: str) -> Any:
 def consequences(request: Request, name: str) -> Any:
     """What no longer fits together when a file is replaced or removed."""
     return file_changes.consequences(bench(request).cache, name)
+
+
+@api.get("/runs/{name}/map")
+def channel_map(request: Request, name: str) -> Any:
+    """Names of a log, and its channel map."""
+    return channel_maps.map_payload(bench(request).cache, name)
+
+
+@api.post("/runs/{name}/map")
+def check_map(request: Request, name: str, body: _JSON, keep: bool = False) -> Any:
+    """Check of a channel map, and its storage."""
+    b = bench(request)
+    found = channel_maps.check_map(b.cache, name, body, keep)
+    if keep:
+        b.events.publish("study", {"changed": ["runs"]})
+    return found
 
 
 @api.delete("/runs/{name}")

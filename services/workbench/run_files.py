@@ -15,10 +15,12 @@ import numpy as np
 
 from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import LacetError, RunError, UsageError, nearest
+from lacet.daq.formats import mf4
 from lacet.daq.formats.log import LogReader
 from lacet.daq.formats.open_run import KINDS, is_own, open_run
 from lacet.daq.formats.result import plain
 from lacet.daq.formats.run_files import first_files
+from lacet.daq.maps.mapped_run import map_beside
 from lacet.daq.run import Run
 from lacet.identify.car.rows import ROWS, lacking
 from lacet.services.render.row_sources import shortened
@@ -146,7 +148,13 @@ class RunFiles:
         """Name, file and role of each run."""
         roles = _roles(self._cache.study) if self._cache.exists else {}
         return [
-            {"name": name, "file": path.name, "path": str(path), "role": roles.get(path.resolve(), "unused")}
+            {
+                "name": name,
+                "file": path.name,
+                "path": str(path),
+                "role": roles.get(path.resolve(), "unused"),
+                "by_map": path.is_file() and not is_own(path),
+            }
             for name, path in run_paths(self._cache).items()
         ]
 
@@ -222,6 +230,8 @@ def summary(path: Path, kept: RunChannels) -> dict[str, Any]:
         run = open_run(path)
         kept.keep(path, run)
     except RunError as error:
+        if not is_own(path) and map_beside(path) is None and path.suffix.lower() not in mf4.SUFFIXES:
+            return _unreadable(path, ["a log of another system: its channel map has to say which of its names is what"])
         return _unreadable(path, error.faults)
     except LacetError as error:
         return _unreadable(path, [str(error)])

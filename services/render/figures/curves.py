@@ -33,7 +33,7 @@ b.model {{ color: {MODEL}; }} b.error {{ color: {ERROR}; }}
 .curves figcaption {{ font-size: 0.8rem; font-variant-numeric: tabular-nums; min-height: 2.6em; }}
 .curves canvas {{ width: 100%; height: 150px; display: block; cursor: crosshair; touch-action: pan-y; }}
 """
-ROOM = 1_000_000
+ROOM = 600_000
 """Room for the curves of all runs in a page [bytes]."""
 MOST, LEAST = 4000, 200
 """Largest and smallest number of values of a curve."""

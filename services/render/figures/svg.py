@@ -62,7 +62,7 @@ UNIT = 10.0
 """Units of the charts' areas in a pixel: what places are rounded to."""
 DOT = 2.4
 """Diameter of a dot in a cloud [px]; dots within half of it of each other are drawn once."""
-MOST_DOTS = 800
+MOST_DOTS = 400
 """Dots of a cloud above which neighbours are drawn once: what a chart of some 300 × 200 px still shows as a cloud."""
 
 

@@ -21,7 +21,7 @@ import lacet.services.workspace.report
 from lacet.identify.car.rows import Row
 from lacet.identify.validation.score import pooled_ratio
 from lacet.services.render.failure_report import where_pieces
-from lacet.services.render.figures.curves import SCRIPT, SCRIPT_HASH, curves_html
+from lacet.services.render.figures.curves import ROOM, SCRIPT, SCRIPT_HASH, curves_html, room_of
 from lacet.services.render.tables import number
 from lacet.services.workbench.exports import report_policy
 from lacet.services.workbench.session_cache import SessionCache
@@ -85,6 +85,26 @@ def test_long_curves_are_extremes_of_blocks_and_lose_no_peak(written: Path, monk
         )
         t = part.t[Row.parse(row["row"])]
         assert row["t0"] + row["dt"] * (row["n"] - 1) == pytest.approx(t[-1], abs=row["dt"] * 2.5)
+
+
+def test_many_long_runs_have_room(written: Path, monkeypatch: pytest.MonkeyPatch):
+    """Four runs of 600 s, each row at the fit's rate: the curves stay within their room, with a peak in one column."""
+    make_small(monkeypatch)
+    session = Session(Study.open(written))
+    part = session.values.comparisons(session.study.version(), held=False)[0]
+    rate = 1.0 / float(np.median(np.diff(next(iter(part.t.values())))))
+    t = np.arange(int(600.0 * rate)) / rate
+    series = np.random.default_rng(0).normal(size=t.size)
+    series[1234] = 99.0
+    rows = dict.fromkeys(part.measured, series)
+    long = replace(part, t=dict.fromkeys(part.measured, t), measured=rows, modelled=dict.fromkeys(rows, 0.5 * series))
+    room = room_of([long] * 4)
+    assert 200 < room < 2000
+    text = curves_html(long, room)
+    assert 0.5 * ROOM < 4 * len(text) < 1.1 * ROOM
+    assert np.nanmax(
+        _values(json.loads(text.partition('json">')[2].partition("<")[0])[0]["series"][0])
+    ) == pytest.approx(99.0)
 
 
 def test_the_first_page_says_what_of_which_runs_and_by_which_lacet(written: Path, monkeypatch: pytest.MonkeyPatch):

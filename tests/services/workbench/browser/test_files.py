@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.services.workbench.browser.bench import LONG, Bench, opening, serving
+from tests.services.workbench.test_channel_maps import foreign_log
 
 
 def test_files_are_replaced_and_deleted_after_a_question(
@@ -45,3 +46,27 @@ def test_files_are_replaced_and_deleted_after_a_question(
         watch.expect(watch.page.locator(".sent li")).to_have_count(0, timeout=LONG)
         assert "# mended" in (folder / "rig.toml").read_text(encoding="utf-8")
         watch.errors[:] = [e for e in watch.errors if "status of 409" not in e]
+
+
+def test_a_channel_map_is_made_on_the_page(browser: Any, tmp_path: Path) -> None:
+    foreign_log(tmp_path / "lap.csv")
+    with serving(tmp_path / "study", tmp_path) as bench, opening(browser, bench.address) as opened:
+        watch = opened(1440, 900)
+        watch.go("runs")
+        watch.drop("drop-zone", tmp_path / "lap.csv")
+        watch.expect(watch.at("run-row-lap")).to_contain_text("cannot be read", timeout=LONG)
+        watch.at("map-of-lap").click()
+        watch.expect(watch.at("map-says")).to_contain_text("Makes", timeout=LONG)
+        for axis, name in zip("xyz", ("LongAcc", "LatAcc", "VertAcc"), strict=True):
+            column = f"imu.accel.{axis}"
+            if not watch.at(f"map-{column}").count():
+                watch.at("map-add").select_option(column)
+            watch.at(f"map-{column}").fill(f"{name} + 3 mm" if axis == "y" else name)
+        watch.expect(watch.at("map-state-imu.accel.y")).to_contain_text("\u2715")
+        watch.expect(watch.at("map-keep")).to_be_disabled()
+        watch.picture("channel-map")
+        watch.at("map-imu.accel.y").fill("LatAcc")
+        watch.expect(watch.at("map-state-imu.accel.y")).to_contain_text("m/s²")
+        watch.at("map-keep").click()
+        watch.expect(watch.at("run-row-lap")).to_contain_text("good", timeout=LONG)
+        assert (tmp_path / "study" / "runs" / "lap.map.toml").is_file()

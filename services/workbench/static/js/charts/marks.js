@@ -14,6 +14,8 @@ export function drawMarks(u, marks) {
   ctx.save();
   ctx.fillStyle = ctx.strokeStyle = resolved("--accent");
   ctx.lineWidth = 1.5 * px;
+  ctx.textAlign = "left";
+  ctx.textBaseline = "alphabetic";
   ctx.font = `bold ${11 * px}px system-ui, sans-serif`;
   for (const { t, label } of marks) {
     if (t < u.scales.x.min || t > u.scales.x.max) continue;

@@ -22,7 +22,7 @@ export function drawing(at) {
     return found?.determined ? found : null;
   };
   const gradient = get("roll_gradient", "car");
-  return s("svg", { class: "car-numbers", viewBox: `0 0 ${WIDE} ${TALL}`, role: "img", "aria-label": about(get) },
+  return s("svg", { class: "car-numbers", viewBox: `0 0 ${WIDE} ${TALL + 42}`, role: "img", "aria-label": about(get) },
     s("path", { class: "outline", d: `M90 60 Q90 14 150 12 Q210 14 210 60 L214 330 Q212 384 150 388 Q88 384 86 330 Z` }),
     s("path", { class: "glass", d: "M100 140 Q150 122 200 140 L192 172 Q150 162 108 172 Z M106 268 Q150 280 194 268 L198 290 Q150 304 102 290 Z" }),
     Object.entries(AXLES).flatMap(([axle, y]) => [
@@ -32,7 +32,20 @@ export function drawing(at) {
       ...bars("load transfer", TRANSFER, "load_transfer", axle, y + 34, get),
     ]),
     gradient ? s("text", { class: "middle", x: WIDE / 2, y: 216, "text-anchor": "middle", text: `rolls ${short(gradient.value, 3)} ${gradient.unit}` }) : null,
-    s("text", { class: "small", x: WIDE / 2, y: 34, "text-anchor": "middle", text: "front" }));
+    s("text", { class: "small", x: WIDE / 2, y: 34, "text-anchor": "middle", text: "front" }),
+    ...keys("stiffness: ", STIFFNESS, TALL + 16), ...keys("transfer: ", TRANSFER, TALL + 34));
+}
+
+/** What the colours of a bar's parts are. */
+function keys(title, parts, y) {
+  let x = 6;
+  const out = [s("text", { class: "key", x, y, text: title })];
+  x += 52;
+  for (const [, words, colour] of parts) {
+    out.push(s("rect", { x, y: y - 8, width: 9, height: 9, class: `part ${colour}` }), s("text", { class: "key", x: x + 13, y, text: words }));
+    x += 18 + 5.4 * words.length;
+  }
+  return out;
 }
 
 /** A bar in parts, as long as its axle's value beside the larger of both axles; its number above it. */
@@ -49,7 +62,6 @@ function bars(title, parts, whole, axle, y, get) {
     const width = scale * Math.abs(part.value);
     out.push(s("rect", { x, y, width, height: 12, class: `part ${colour}` },
       s("title", { text: `${words}: ${short(part.value, 3)} ${part.unit}` })));
-    if (width > 6 * words.length) out.push(s("text", { class: "in-bar", x: x + width / 2, y: y + 10, "text-anchor": "middle", text: words }));
     x += width;
   }
   return out;

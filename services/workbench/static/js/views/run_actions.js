@@ -55,6 +55,6 @@ export function fileActions(app, { name, file, may = true }, { replace, done }) 
     done();
   });
   const button = (verb, text, onclick) => h("button", { type: "button", class: "small quiet", "data-testid": `${verb}-${name}`, "aria-label": `${text} ${name}`, onclick, text });
-  return h("span", { class: "file-actions" }, button("replace", "Replace …", go("Replace", async () => pick.click())),
-    may ? button("delete", "Delete …", remove) : null, pick);
+  return h("span", { class: "file-actions" }, button("replace", "Replace", go("Replace", async () => pick.click())),
+    may ? button("delete", "Delete", remove) : null, pick);
 }

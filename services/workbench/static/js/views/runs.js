@@ -3,6 +3,7 @@
 import { h } from "../widgets/dom.js";
 import { duration, short, size } from "../widgets/format.js";
 import { jobId } from "../net/jobs.js";
+import { showMap } from "./channel_map.js";
 import { confirmed, fileActions } from "./run_actions.js";
 
 const ROLES = [
@@ -65,7 +66,7 @@ export async function show(root, app) {
       h(
         "tr",
         null,
-        ["Run", "Used for the fit", "Manoeuvre", "Length", "Size", "Channels", "Quality", "Losses", "File"].map((text, k) =>
+        ["Run", "Used for the fit", "Manoeuvre", "Length", "Size", "Channels", "Quality", "Losses"].map((text, k) =>
           h("th", { scope: "col", class: k > 2 && k < 6 ? "num" : "", text }),
         ),
       ),
@@ -120,7 +121,7 @@ export async function show(root, app) {
           "tr",
           null,
           h("td", {
-            colspan: 9,
+            colspan: 8,
             class: "empty",
             text: "No runs yet. Drop at least two logs above: one to fit the model on, one to hold out.",
           }),
@@ -164,6 +165,9 @@ export async function show(root, app) {
         { scope: "row" },
         h("b", { text: run.name }),
         h("div", { class: "sub muted", text: [run.format, run.vehicle].filter(Boolean).join(" · ") }),
+        h("div", { class: "bar run-files" },
+          run.by_map ? h("button", { type: "button", class: "small", "data-testid": `map-of-${run.name}`, text: "Channel map …", onclick: () => void mapOf(run.name) }) : null,
+          fileActions(app, run, { replace: (file, as) => void take([file], as), done: () => void read() })),
       ),
       h("td", null, radios),
       h("td", { text: run.manoeuvre || (waits ? "" : "–") }, waits ? h("i", { class: "skeleton" }) : null),
@@ -185,7 +189,6 @@ export async function show(root, app) {
       ),
       h("td", null, quality(run), problems ? h("div", { class: "sub", text: problems }) : null),
       h("td", { class: lost(run.losses) ? "warn" : "", text: waits ? "" : losses(run.losses) }),
-      h("td", null, fileActions(app, run, { replace: (file, as) => void take([file], as), done: () => void read() })),
     );
   }
 
@@ -299,6 +302,16 @@ export async function show(root, app) {
     }
   }
 
+  async function mapOf(name) {
+    open = null;
+    detail.hidden = false;
+    await showMap(detail, app, name, () => {
+      detail.hidden = true;
+      void read();
+    });
+    detail.scrollIntoView({ block: "nearest" });
+  }
+
   /** Sends files, several at a time; `as` : in place of the file of that name. */
   async function take(list, as = null) {
     const waiting = [...list].map((file) => sending(file, as));
@@ -372,7 +385,7 @@ export async function show(root, app) {
   const off = app.on((patch) => {
     if ("study" in patch && !making) void read();
   });
-  body.append(h("tr", null, h("td", { colspan: 9, class: "empty", text: "Reading what is in the study's folder …" })));
+  body.append(h("tr", null, h("td", { colspan: 8, class: "empty", text: "Reading what is in the study's folder …" })));
   await read();
   return () => {
     closed = true;

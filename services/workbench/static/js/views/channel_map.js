@@ -1,0 +1,137 @@
+/** The channel map of a log of another system: its names on one side, lacet's channels on the other. */
+
+import { debounce, h } from "../widgets/dom.js";
+import { percent, short } from "../widgets/format.js";
+
+/**
+ * Shows the map of a run in a panel.
+ * @param {HTMLElement} root
+ * @param {object} app
+ * @param {string} name of the run
+ * @param {() => void} done after the map was stored
+ */
+export async function showMap(root, app, name, done) {
+  const path = `api/runs/${encodeURIComponent(name)}/map`;
+  root.replaceChildren(h("h2", { text: `Channel map of ${name}` }), h("p", { class: "waiting", text: "Reading the log's names …" }));
+  let found = null;
+  try {
+    found = await app.api.get(path);
+  } catch (cause) {
+    root.replaceChildren(h("h2", { text: `Channel map of ${name}` }), h("p", { class: "notice bad", text: cause.message }));
+    return;
+  }
+  const about = new Map(found.columns.map((c) => [c.column, c]));
+  const units = { ...found.units };
+  const lines = new Map(); // column → its line
+  let focus = null;
+  let turn = 0;
+
+  const says = h("p", { class: "muted", role: "status", "data-testid": "map-says" });
+  const body = h("tbody");
+  const keep = h("button", { type: "button", class: "primary", "data-testid": "map-keep", disabled: true, text: "Keep the map", onclick: () => void store() });
+  const add = h("select", { "aria-label": "add a channel", "data-testid": "map-add", onchange: () => {
+    const proposal = found.proposals[add.value];
+    if (proposal?.unit) units[proposal.name] = proposal.unit;
+    line(add.value, proposal?.expression ?? "").input.focus();
+    fill();
+    check();
+  } });
+
+  const entries = () => Object.fromEntries([...lines].map(([column, { input }]) => [column, input.value.trim()]).filter(([, text]) => text));
+  const check = debounce(() => void ask(false), 350);
+
+  async function ask(store) {
+    const mine = ++turn;
+    try {
+      const answer = await app.api.post(`${path}${store ? "?keep=true" : ""}`, { entries: entries(), units });
+      if (mine !== turn) return null;
+      for (const [column, { state, input }] of lines) {
+        const one = answer.columns[column];
+        const bad = Boolean(one?.fault) || (one && one.low === null);
+        input.setAttribute("aria-invalid", String(bad));
+        state.className = bad ? "bad" : "good";
+        state.textContent = !one ? "" : one.fault ? `✕ ${one.fault}` : one.low === null ? "✕ not in the run: see below"
+          : `✓ ${short(one.low)} to ${short(one.high)} ${about.get(column)?.unit ?? ""}`;
+      }
+      keep.disabled = !answer.makes_run || Object.values(answer.columns).some((one) => one.fault);
+      says.textContent = [answer.makes_run ? `Makes a run of ${short(answer.seconds)} s.` : "Makes no run yet.", ...answer.notes].join(" ");
+      return answer;
+    } catch (cause) {
+      if (mine === turn) says.textContent = cause.message;
+      return null;
+    }
+  }
+
+  async function store() {
+    keep.disabled = true;
+    if ((await ask(true))?.kept) {
+      app.toast(`The map is kept as ${found.own}: the run can be used.`, "good");
+      done();
+    }
+  }
+
+  /** A line of the map; made where the column has none. */
+  function line(column, expression) {
+    const there = lines.get(column);
+    if (there) return there;
+    const proposal = found.proposals[column];
+    const input = h("input", { type: "text", class: "map-expression code", value: expression, "aria-label": `${column} is`, "data-testid": `map-${column}`,
+      spellcheck: "false", oninput: check, onfocus: () => { focus = input; } });
+    const state = h("span", { class: "muted", "data-testid": `map-state-${column}` });
+    const guess = proposal && proposal.expression === expression ? h("span", { class: proposal.probability >= found.accepted ? "good" : "warn",
+      title: "probability that column, unit and sign are right", text: percent(proposal.probability) }) : null;
+    const row = h("tr", null, h("th", { scope: "row", class: "code", title: about.get(column)?.about ?? "", text: column }),
+      h("td", { text: about.get(column)?.unit || "–" }), h("td", null, input), h("td", { class: "num" }, guess), h("td", { class: "map-state" }, state),
+      h("td", null, h("button", { type: "button", class: "small quiet", "aria-label": `Leave ${column} out`, text: "Leave out", onclick: () => {
+        row.remove();
+        lines.delete(column);
+        fill();
+        check();
+      } })));
+    body.append(row);
+    const made = { input, state };
+    lines.set(column, made);
+    return made;
+  }
+
+  function fill() {
+    const free = found.columns.filter((c) => !lines.has(c.column) && !found.kept.includes(c.column));
+    const option = (c) => h("option", { value: c.column, text: `${c.column}${c.unit ? ` [${c.unit}]` : ""}${found.proposals[c.column]
+      ? `: ${found.proposals[c.column].expression}, ${percent(found.proposals[c.column].probability)}` : ""}` });
+    const group = (label, list) => (list.length ? h("optgroup", { label }, list.map(option)) : null);
+    add.replaceChildren(...[h("option", { value: "", text: "+ channel …" }), group("proposed", free.filter((c) => found.proposals[c.column])),
+      group("others", free.filter((c) => !found.proposals[c.column]))].filter(Boolean));
+    add.value = "";
+  }
+
+  const sources = h("tbody", null, found.names.map((n) => {
+    const unit = h("input", { type: "text", class: "map-unit", value: units[n.name] ?? "", placeholder: n.unit || "unit?", "aria-label": `unit of ${n.name}`,
+      oninput: () => {
+        if (unit.value.trim()) units[n.name] = unit.value.trim();
+        else delete units[n.name];
+        check();
+      } });
+    const insert = () => {
+      if (!focus) return;
+      const text = /^[A-Za-z_]\w*(\.\w+)*$/.test(n.name) ? n.name : `\`${n.name}\``;
+      focus.setRangeText(text, focus.selectionStart, focus.selectionEnd, "end");
+      focus.focus();
+      check();
+    };
+    return h("tr", null, h("th", { scope: "row" }, h("button", { type: "button", class: "link code", title: "write it into the expression chosen", onclick: insert, text: n.name })),
+      h("td", null, unit), h("td", { class: "num", text: n.low === null ? "–" : `${short(n.low)} to ${short(n.high)}` }),
+      h("td", { class: "num", text: n.rate ? `${short(n.rate)} Hz` : "–" }));
+  }));
+  const head = (...texts) => h("thead", null, h("tr", null, texts.map((text) => h("th", { scope: "col", text }))));
+  for (const [column, expression] of Object.entries(found.entries)) line(column, expression);
+  fill();
+  root.replaceChildren(...[
+    h("h2", null, `Channel map of ${found.file}`, h("span", { class: "muted", text: found.map ? `from ${found.map}` : "proposed from names, units and the car's behaviour: look through it, signs first" })),
+    h("div", { class: "map-sides" },
+      h("div", { class: "scroll map-side" }, h("table", null, head("In the log", "Unit", "Range", "Rate"), sources)),
+      h("div", { class: "scroll map-side" }, h("table", { class: "map-table" }, head("Channel", "Unit", "Is", "Guess", "Check", ""), body), h("div", { class: "bar" }, add))),
+    found.kept.length ? h("p", { class: "muted", text: `Kept as they are in the file: ${found.kept.join(", ")}.` }) : null,
+    h("div", { class: "bar" }, says, h("span", { class: "end" }, keep)),
+  ].filter(Boolean));
+  void ask(false);
+}
