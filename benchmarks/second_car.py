@@ -4,9 +4,9 @@
 
 Each second car drives a sinus, a rough road and drive with lift-off, and a road with kerbs that is held out, 12 s each
 (kept in the folder). The base model is fitted with the joint tables of a bench in the vehicle file, with the table of
-its bump test and without any, then with both anti-roll bars added, which the mechanism has and the base model lacks.
-Printed: error ÷ noise floor of each row, parameters beside the mechanism's, and the terms of the suspension rows that
-the model has no place for, from the noise-free motion.
+its bump test and without any, then with both anti-roll bars added, which the mechanism has and the base model lacks,
+then with damping across the rear axle. Printed: error ÷ noise floor of each row, parameters beside the mechanism's,
+and the terms of the suspension rows that the model has no place for, from the noise-free motion.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from lacet.simulate.linkage.truth import DesignValues, values_at
 CARS = ("second", "second-live-axle", "second-rigid")
 USED, HELD = ("sinus", "rough", "liftoff"), "kerb"
 BARS = ("anti_roll_bar.front", "anti_roll_bar.rear")
+DAMPING = "axle_damping.rear"
 RIG = "peugeot-406"
 TABLES = ("joints", "bump", "none")
 SETTINGS = ("duration=12", "sinus.amplitude=0.03")
@@ -83,15 +84,17 @@ def fits(car: str, folder: Path, tables: str) -> None:
     both = base
     for bar in BARS:
         both = lacet.add(both, bar)
+    damped = lacet.add(both, DAMPING)
     print(f"\n{car}, tables: {tables}")
     ratios = {}
-    for name, fitted in (("base", base), ("bars", both)):
+    for name, fitted in (("base", base), ("bars", both), ("damped", damped)):
         for where, part in (("", None), (" held", held)):
             for of, rows in lacet.compare(fitted, part).ratios.items():
                 ratios[f"{name} {of}{where}"] = rows
     rows = list(dict.fromkeys(row for one in ratios.values() for row in one))
     lines = [[row, *(f"{one[row]:.2f}" if row in one else "" for one in ratios.values())] for row in rows]
     print(table(["row", *ratios], lines))
+    print(damped.summary())
     print(both.summary())
 
 

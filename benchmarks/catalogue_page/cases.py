@@ -88,6 +88,10 @@ CASES: dict[str, Case] = {
     "anti_roll_bar": _suspension(
         "anti_roll_bar", 15e3, "travel difference across the axle", "rough grade=C duration=24", "kerb"
     ),
+    "axle_damping": Case(
+        "rate difference across the axle", "rough grade=C duration=24", "suspension.f*", "axle_damping.front", -400.0,
+        beside="kerb", how="law",
+    ),
     "coulomb": _suspension("coulomb", 120.0, "travel rate", STEERING, v0=0.01),
     "damper_asymmetry": _suspension("damper_asymmetry", -600.0, "travel rate"),
     "damper_digressive": _suspension("damper_digressive", -2000.0, "travel rate"),

@@ -234,3 +234,19 @@ def test_friction_and_a_damper_that_saturates_share_no_constants() -> None:
     """With the same band they are one law, and have one name."""
     friction, damper = KNOWN["coulomb.front"], KNOWN["damper_saturation.front"]
     assert friction.bounds_of("v0")[1] <= damper.bounds_of("v0")[0]
+
+
+@pytest.mark.parametrize(("own", "other"), [(1.02, 0.05), (0.86, 0.17), (0.9, -0.1)])
+def test_dampers_that_both_wheels_move_are_dampers_and_damping_across_the_axle(own: float, other: float) -> None:
+    """Two dampers, each compressed by both wheels: force at a wheel by their power, against two laws."""
+    motion, rate = build_motion(cars.recording(cars.random_signals(12), VEHICLE_T, RIG)), 3100.0
+    left, right = (motion.corners[c].rate for c in ("rl", "rr"))
+    forces = rate * np.stack([own * left + other * right, other * left + own * right])
+    expected = {
+        "suspension.rl": own * forces[0] + other * forces[1],
+        "suspension.rr": other * forces[0] + own * forces[1],
+    }
+    across = KNOWN["axle_damping.rear"].force(motion, np.array([-2.0 * rate * own * other]))
+    for row, force in expected.items():
+        damper = KNOWN[f"damper.{row.rpartition('.')[2]}"].force(motion, np.array([rate * (own + other) ** 2]))
+        np.testing.assert_allclose(damper[row] + across[row], force, atol=1e-9 * np.max(np.abs(force)))

@@ -1,0 +1,43 @@
+"""Damping across an axle: dampers that both wheels of an axle move."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.motion import Motion
+from lacet.identify.effects.base import AXLES, Parameter, PhysicalEffect
+from lacet.identify.multibody.vectors import Array
+
+
+class AxleDamping(PhysicalEffect):
+    """Damping of the difference of travel rates left and right: F = c (ṡ_left − ṡ_right), and its opposite.
+
+    A damper that is compressed by a of its own wheel's travel and by b of the other one's has the rates c_d (a² +
+    b²) at each wheel and 2 c_d a b between both: beside dampers c_d (a + b)² it is c = −2 c_d a b. It is negative
+    where the other wheel compresses the damper too: live axles with dampers inboard of the wheels, twist beams.
+    Rubber and the material of a bar damp their difference with a positive c.
+    """
+
+    name = "axle_damping"
+    rows = ("suspension",)
+    about = "damping across an axle: couples left and right travel rates"
+    signature = "left and right suspension rows follow the difference of travel rates, with opposite signs"
+    shown_by = "rough road, kerbs: both wheels of an axle at different rates"
+    source = "Dixon (2007), The Shock Absorber Handbook, chapter 5 (motion ratios of axles); Reimpell et al. (2001)"
+
+    @classmethod
+    def variants(cls, vehicle: Vehicle, reference: str) -> list[Self]:
+        """One variant for each axle."""
+        return [cls(axle) for axle in AXLES]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Damping c, per difference of travel rates."""
+        return (self.named("c", "N·s/m", -5e3, 5e3),)
+
+    def columns(self, motion: Motion) -> dict[str, Array]:
+        """ṡ_left − ṡ_right on the left, its opposite on the right."""
+        left, right = self.corners()
+        difference = motion.corners[left].rate - motion.corners[right].rate
+        return {f"suspension.{left}": difference[None], f"suspension.{right}": -difference[None]}
