@@ -30,7 +30,8 @@ class FailureAnalysis:
     ----------
     rows : the rows of the fit.
     parts, phases : comparisons with the runs asked for, runs used by the fit first, and their manoeuvre phases.
-    ratios : row → RMS of residual ÷ noise floor over the runs asked for that the fit used; over all where it used none.
+    ratios : row → RMS residual ÷ RMS noise floor, each over the runs asked for that the fit used; over all where it
+        used none.
     worst : rows that fail, largest ratio first; the row of the largest ratio alone when none fails.
     in_phase : manoeuvre phase → row → residual ÷ floor, over `parts`.
     explainable : explainable residual of each row, from all runs of the fit; so are the next three.
@@ -102,11 +103,12 @@ def analyse_failure(
 
 
 def _ratios(parts: Sequence[Comparison], rows: Sequence[Row]) -> dict[Row, float]:
-    """Row → RMS of residual ÷ floor over the runs used; over the runs held out where `parts` has no other."""
+    """Row → RMS residual ÷ RMS floor over the runs used; over the runs held out where `parts` has no other."""
     chosen = [part for part in parts if part.used] or list(parts)
     out: dict[Row, float] = {}
     for row in rows:
-        found = [(part.scores[row].ratio ** 2, part.t[row].size) for part in chosen if row in part.scores]
+        found = [(part.scores[row], part.t[row].size) for part in chosen if row in part.scores]
+        squares, floor = (sum(n * getattr(s, name) ** 2 for s, n in found) for name in ("rms", "floor"))
         if found:
-            out[row] = (sum(r * n for r, n in found) / sum(n for _, n in found)) ** 0.5
+            out[row] = float(squares / floor) ** 0.5 if floor else 0.0
     return out

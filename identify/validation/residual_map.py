@@ -55,7 +55,7 @@ def residual_map(part: Comparison, bin_s: float = BIN) -> ResidualMap:
 
 @dataclass(frozen=True)
 class InPhase:
-    """Residual of a row in one manoeuvre phase over runs: `rms` [unit], `ratio` to the floor, `seconds` of it."""
+    """Residual of a row in one manoeuvre phase over runs: `rms` [unit], its `ratio` to that of the floor, `seconds`."""
 
     rms: float
     ratio: float
@@ -76,15 +76,15 @@ def by_phase(parts: Sequence[Comparison], phases: Sequence[Phases]) -> dict[str,
             spacing = float(np.median(np.diff(t))) if t.size > 1 else 0.0
             for k in np.unique(number):
                 here = number == k
-                own = (float(squares[here].sum()), float(squares[here].sum()) / floor**2, float(here.sum()), spacing)
+                own = (float(squares[here].sum()), floor**2 * float(here.sum()), float(here.sum()), spacing)
                 total = sums.setdefault((int(k), row), [0.0, 0.0, 0.0, 0.0])
                 total[0] += own[0]
                 total[1] += own[1]
                 total[2] += own[2]
                 total[3] += own[2] * spacing
     out: dict[str, dict[Row, InPhase]] = {}
-    for (k, row), (squares, weighted, count, seconds) in sorted(sums.items(), key=lambda item: item[0][0]):
-        found = InPhase(float(np.sqrt(squares / count)), float(np.sqrt(weighted / count)), seconds)
+    for (k, row), (squares, noise, count, seconds) in sorted(sums.items(), key=lambda item: item[0][0]):
+        found = InPhase(float(np.sqrt(squares / count)), float(np.sqrt(squares / noise)), seconds)
         out.setdefault(PHASES[k], {})[row] = found
     return out
 

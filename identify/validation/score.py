@@ -37,7 +37,8 @@ class RowScore:
     autocorrelation, `peak` the frequency of the largest excess [Hz] (NaN without).
 
     `doubt` is the prediction's 1 σ from the uncertainty of the parameters ÷ floor (0 for a run used); where it explains
-    the error the row is not `judged`, and `why` holds the parameters and the runs that would excite them.
+    the error the row is not `judged`, and `why` holds the parameters and the runs that would excite them. `samples` is
+    the number of samples that `rms` is of.
     """
 
     row: Row
@@ -54,6 +55,7 @@ class RowScore:
     doubt: float = 0.0
     judged: bool = True
     why: OpenParameters | None = None
+    samples: int = 1
 
 
 @dataclass(frozen=True, repr=False)
@@ -206,6 +208,7 @@ def score_row(row: Row, measured: Array, residual: Array, floor: float) -> RowSc
         vaf=100.0 * (1.0 - float(np.var(residual)) / variance) if variance else 0.0,
         floor=floor,
         ratio=rms / floor if floor else 0.0,
+        samples=int(residual.size),
     )
 
 
@@ -214,26 +217,58 @@ def fails(ratio: float) -> bool:
     return ratio > FAILS
 
 
-# -- scores pooled over rows and runs, from plain data: run → row → {"ratio": residual ÷ floor, …} ---------------------
+# -- scores pooled over rows and runs, from plain data: run → row → {"rms", "floor", "ratio", "samples", …} ------------
 
 
-def pooled_ratio(runs: Mapping[str, Mapping[str, Any]]) -> float:
-    """Root mean square of residual ÷ floor over the rows of all runs: 1 is the noise floor; NaN without any."""
-    ratios = [score["ratio"] for run in runs.values() for score in run.values()]
-    return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else float("nan")
+@dataclass(frozen=True)
+class RowError:
+    """Error of one row over several runs.
+
+    `rms` of the residual and `floor`, the RMS that noise alone would leave, both over the samples of all runs [unit];
+    `ratio` one ÷ the other. `worst_run` is the run with the largest residual ÷ floor of its own, `worst` that ratio.
+    """
+
+    rms: float
+    floor: float
+    ratio: float
+    worst_run: str
+    worst: float
+
+
+def row_errors(runs: Mapping[str, Mapping[str, Any]]) -> dict[str, RowError]:
+    """Row → its error over runs.
+
+    Scores of lacet versions that did not store `samples` count alike.
+    """
+    found: dict[str, list[tuple[str, Mapping[str, Any]]]] = {}
+    for run, scores in runs.items():
+        for row, score in scores.items():
+            found.setdefault(row, []).append((run, score))
+    out: dict[str, RowError] = {}
+    for row, scores in found.items():
+        counts = np.array([float(score.get("samples", 1)) for _, score in scores])
+        rms, floor = (
+            float(np.sqrt(counts @ np.square([float(score[key]) for _, score in scores]) / np.sum(counts)))
+            for key in ("rms", "floor")
+        )
+        run, worst = max(scores, key=lambda one: one[1]["ratio"])
+        out[row] = RowError(rms, floor, rms / floor if floor else 0.0, run, float(worst["ratio"]))
+    return out
 
 
 def row_ratios(runs: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
-    """Row → root mean square of residual ÷ floor over runs."""
-    rows: dict[str, list[float]] = {}
-    for scores in runs.values():
-        for row, score in scores.items():
-            rows.setdefault(row, []).append(float(score["ratio"]) ** 2)
-    return {row: float(sum(squares) / len(squares)) ** 0.5 for row, squares in rows.items()}
+    """Row → RMS residual ÷ RMS noise floor, each over the samples of all runs."""
+    return {row: error.ratio for row, error in row_errors(runs).items()}
+
+
+def pooled_ratio(runs: Mapping[str, Mapping[str, Any]]) -> float:
+    """Root mean square over the rows of their residual ÷ floor (`row_ratios`): 1 is the floor; NaN without any."""
+    ratios = list(row_ratios(runs).values())
+    return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else float("nan")
 
 
 def worst_row(runs: Mapping[str, Mapping[str, Any]]) -> tuple[str, float]:
-    """The row farthest above its floor, as ``run: row``, and its ratio."""
+    """The row farthest above its floor in a single run, as ``run: row``, and its ratio."""
     found = [(f"{run}: {row}", s["ratio"]) for run, part in runs.items() for row, s in part.items()]
     return max(found, key=lambda item: item[1], default=("none", 0.0))
 

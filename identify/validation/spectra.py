@@ -60,10 +60,28 @@ class RowSpectrum:
     segments: float
 
     @property
+    def explained(self) -> dict[str, float]:
+        """State → part of the residual's power that is linear in it: squared coherence weighted by the power.
+
+        In descending order, with every state. A state that follows the residual at a line where there is little of it
+        explains little.
+        """
+        total = max(float(np.sum(self.residual)), 1e-300)
+        found = {name: float(np.sum(c * self.residual)) / total for name, c in self.coherence.items()}
+        return dict(sorted(found.items(), key=lambda one: -one[1]))
+
+    @property
     def strongest(self) -> list[tuple[str, float, float]]:
-        """States above the significance level, strongest first: name, largest squared coherence, its frequency [Hz]."""
-        peaks = [(name, float(c.max()), float(self.frequency[int(c.argmax())])) for name, c in self.coherence.items()]
-        return sorted([p for p in peaks if p[1] > self.level], key=lambda p: -p[1])
+        """States above the significance level, in the order of `explained`.
+
+        Of each its name, largest squared coherence and the frequency of that [Hz].
+        """
+        peaks = [(name, self.coherence[name]) for name in self.explained]
+        return [
+            (name, float(c.max()), float(self.frequency[int(c.argmax())]))
+            for name, c in peaks
+            if float(c.max()) > self.level
+        ]
 
 
 def row_spectrum(
@@ -103,7 +121,7 @@ def row_spectrum(
     coherence = np.asarray(np.abs(cross) ** 2, float) / np.maximum(power[0] * power[1 + floor.count :], 1e-300)
     segments = sum(n * n / (n + 2.0 * (n - 1) * _OVERLAP) for n in counts if n)
     tests = frequency.size * max(1, len(names))
-    order = np.argsort(-coherence.max(axis=1)) if names else np.zeros(0, np.intp)
+    order = np.argsort(-(coherence @ power[0])) if names else np.zeros(0, np.intp)
     most = max(1, min(4, int(segments) // 4))
     chosen = _unlike(states_, order, most)
     return RowSpectrum(

@@ -46,7 +46,10 @@ def failure_result(version: Version, found: FailureAnalysis) -> dict[str, Any]:
             "coherence": {
                 row: {
                     "level": s.level, "segments": s.segments,
-                    "above": [{"state": n, "squared": c, "frequency": f} for n, c, f in s.strongest],
+                    "above": [
+                        {"state": n, "squared": c, "frequency": f, "explains": s.explained[n]}
+                        for n, c, f in s.strongest
+                    ],
                 }
                 for row, s in found.spectra.items()
             },

@@ -174,7 +174,7 @@ def surface_figure(surfaces: Mapping[str, Surface], what: str = "residual") -> F
 
 
 def spectrum_charts(spectrum: RowSpectrum) -> Panels:
-    """A row's residual spectrum against its floor's, and the coherence with the states it is most coherent with."""
+    """A row's residual spectrum against its floor's, and the coherence with the states that explain most of it."""
     f = spectrum.frequency
     x = Axis("frequency [Hz]", low=0.0, high=float(f[-1]))
     power = [
@@ -182,7 +182,7 @@ def spectrum_charts(spectrum: RowSpectrum) -> Panels:
         Line(f, spectrum.floor, MEASURED, "noise floor", width=1.1, dashed=True),
         Line(f, spectrum.residual, ERROR, "residual", width=1.4, marks=3.5),
     ]
-    order = sorted(spectrum.coherence, key=lambda name: -float(spectrum.coherence[name].max()))[:4]
+    order = list(spectrum.explained)[:4]
     coherent = [
         Line(f, spectrum.coherence[name], colour, name, width=1.4)
         for name, colour in zip(order, (MODEL, ERROR, HELD, "#4c9f70"), strict=False)
