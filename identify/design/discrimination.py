@@ -19,6 +19,7 @@ from itertools import combinations
 
 import numpy as np
 import scipy
+from scipy.stats import chi2
 
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect, SensorFault, with_places
@@ -39,6 +40,8 @@ SHOWS = SELECTION.least_size
 """Weighted size √λ from which an effect can be tested, as in the selection."""
 DRAWS = 8
 """Draws of the channels' noise behind the floor of a run not driven yet."""
+WIDE = 20.0
+"""Largest half-axis of a 95 % region of sizes, in units of the size: beyond it nothing is known."""
 _GONE = 1e-7
 """Part of a column's length below which it counts as zero."""
 
@@ -308,6 +311,29 @@ class Separations:
 
     def remaining(self, place: slice, values: Array, others: Sequence[int] = ()) -> float:
         """Weighted squares of columns times values that model, zeros, sheet and the columns `others` do not explain."""
+        x = self._unexplained(place, values, others)
+        return max(0.0, float(np.sum((self._remaining @ x) ** 2) - np.sum((self._noise @ x) ** 2)))
+
+    def closest(self) -> list[int]:
+        """The two effects that are least apart; the first alone where there is no other."""
+        pairs = combinations(range(len(self.question.compared)), 2)
+        apart = {pair: min(self.separation(*pair), self.separation(*reversed(pair))) for pair in pairs}
+        return list(min(apart, key=lambda pair: apart[pair])) if apart else [0]
+
+    def information(self, which: Sequence[int]) -> Array:
+        """(n, n) information on the sizes of effects fitted together, each in units of the size it is taken at.
+
+        The inverse is their covariance; it is positive semidefinite, and singular where the runs leave it open.
+        """
+        q = self.question
+        free = [i for i in q.own(*range(len(q.compared))) if i not in q.own(*which)]
+        x = np.column_stack([self._unexplained(q.places[i][0], q.compared[i].values, free) for i in which])
+        found, noise = self._remaining @ x, self._noise @ x
+        values, vectors = np.linalg.eigh(found.T @ found - noise.T @ noise)
+        return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T, float)
+
+    def _unexplained(self, place: slice, values: Array, others: Sequence[int]) -> Array:
+        """Columns times values, with the multiples of the columns `others` that imitate them best removed."""
         x = np.zeros(self._remaining.shape[1])
         for i, value in zip(_places(place), values, strict=True):
             x[self._place[i]] = value * self._length[i]
@@ -316,7 +342,22 @@ class Separations:
             U, s, Vt = np.linalg.svd(self._remaining[:, where], full_matrices=False)
             kept = s > _GONE
             x[where] -= Vt[kept].T @ ((U[:, kept].T @ (self._remaining @ x)) / s[kept])
-        return max(0.0, float(np.sum((self._remaining @ x) ** 2) - np.sum((self._noise @ x) ** 2)))
+        return x
+
+
+def region(information: Array, points: int = 72) -> Array:
+    """(points, n) edge of the 95 % region of n sizes about 1, n = 1 or 2, for their (n, n) information.
+
+    Directions that are left open reach to `WIDE`.
+    """
+    n = len(information)
+    values, vectors = np.linalg.eigh(information)
+    half = np.sqrt(float(chi2.ppf(0.95, n)) / np.maximum(values, 1e-12))
+    half = np.minimum(half, WIDE)
+    if n == 1:
+        return np.array([[1.0 - half[0]], [1.0 + half[0]]])
+    angle = np.linspace(0.0, 2.0 * np.pi, points)
+    return np.asarray(1.0 + (vectors * half) @ np.stack([np.cos(angle), np.sin(angle)]), float).T
 
 
 def _places(place: slice) -> range:

@@ -130,7 +130,7 @@ def run(args: argparse.Namespace) -> int:
             about = ["plan", asdict(limits), names, args.want, args.goal, args.runs, SECONDS, simulator_sources()]
             about.append(service_sources("planning", "render", "commands"))
             values = Session(study).values
-            result = values.next_run(study.version(), about, lambda: _planned(args, limits, names, line))
+            result = values.next_run(study.version(), about, lambda: (_planned(args, limits, names, line), True))
     _print(result, args.most)
     write_result(args.json, "plan", result)
     return WITH_LOSSES if result["warnings"] else DONE

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -20,6 +21,7 @@ from lacet.identify.design.discrimination import (
     WeightedRun,
     planned_run,
     present_runs,
+    region,
     wrong_pick,
 )
 from lacet.identify.design.run_ranking import DURATIONS
@@ -32,12 +34,12 @@ from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.diagnose import Diagnosis
 from lacet.identify.selection.score_tests import Answer, Candidate
 from lacet.services.cache.keys import service_sources, simulator_sources
-from lacet.services.planning.manoeuvre_library import Limits, kinds, library
+from lacet.services.planning.manoeuvre_library import Limits, Plan, kinds, library
 from lacet.services.planning.nominal_car import known_values, planned_car
 from lacet.services.planning.simulated_plans import SECONDS, PlannedRun, SensorSetup, simulated_runs
 from lacet.services.progress import Progress, ServiceStage, ServiceStep
 from lacet.services.render.effect_text import not_measured
-from lacet.services.render.separation_report import recommendation, run_sentence
+from lacet.services.render.separation_report import recommendation, run_sentence, tried_words
 from lacet.services.render.verdicts import why as why_untested
 from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Version
@@ -47,6 +49,8 @@ FAULT = 4.0
 """Ordinary size of a sensor fault, in 1 σ of its sheet's tolerance."""
 ORDINARY = 20.0
 """√λ on the present runs of an ordinary size of physics, where that is plausible."""
+_NOTHING = 0.05
+"""√λ, or separation, below which a manoeuvre shows nothing of the effects."""
 _UNTOUCHED = ("gain", "latency", "drift")
 """Tolerances that the sheet has by channel, or that differ from run to run."""
 
@@ -56,7 +60,7 @@ class Recommended:
     """One manoeuvre: separation, or √λ of a single effect, `now` and `after` a run of the longest duration.
 
     `seconds` : the shortest duration that suffices, or None; `ordinary` : √λ of a single effect of ordinary size
-    after the run.
+    after the run; `information` (n, n) on the sizes of the effects pictured after it (`Recommendation.pictured`).
     """
 
     run: PlannedRun
@@ -65,6 +69,7 @@ class Recommended:
     seconds: float | None
     ordinary: float | None
     sentence: str
+    information: Array
 
     @property
     def manoeuvre(self) -> str:
@@ -77,7 +82,9 @@ class Recommendation:
     """Recommended runs: every manoeuvre, the best first.
 
     `compared` : the effects at the sizes used; `found` : whether each size is estimated from the runs; `each` : present
-    √λ of each; `says` : the recommendation in plain sentences.
+    √λ of each; `says` : the recommendation in plain sentences; `of` : number of manoeuvres in the library, of which
+    `tried` were. `pictured` : places of the effects whose sizes are pictured, the two least apart, and the present
+    (n, n) `information` on them.
     """
 
     compared: tuple[Compared, ...]
@@ -87,6 +94,15 @@ class Recommendation:
     runs: tuple[Recommended, ...]
     says: str
     warnings: tuple[str, ...]
+    tried: int
+    of: int
+    pictured: tuple[int, ...]
+    information: Array
+
+    @property
+    def complete(self) -> bool:
+        """Whether every manoeuvre of the library was tried."""
+        return self.tried == self.of
 
     @property
     def alone(self) -> bool:
@@ -100,23 +116,27 @@ class Recommendation:
 
 
 def next_run(
-    session: Session, diagnosis: Diagnosis, names: Sequence[str] = (), without: Sequence[str] = ()
-) -> dict[str, Any] | None:
-    """What `recommend` finds within the usual limits, as plain data (``docs/json.md``); kept in the study."""
+    session: Session, diagnosis: Diagnosis, names: Sequence[str] = (), without: Sequence[str] = (),
+    within: float | None = None,
+) -> dict[str, Any] | None:  # fmt: skip
+    """What `recommend` finds within the usual limits, as plain data (``docs/json.md``).
+
+    Kept in the study where the whole library was tried; `within` as there.
+    """
     limits = Limits()
     asked = [list(names), list(without), asdict(limits), SECONDS, kinds((), without)]
     about = [*asked, service_sources("planning", "render"), simulator_sources()]
 
-    def found() -> dict[str, Any]:
-        best = recommend(session, diagnosis, names, limits, without, session.progress)
-        return {"next": next_result(best) if best else None}
+    def found() -> tuple[dict[str, Any], bool]:
+        best = recommend(session, diagnosis, names, limits, without, session.progress, within)
+        return {"next": next_result(best) if best else None}, best is None or best.complete
 
     return session.values.next_run(session.study.version(), about, found)["next"]
 
 
 def recommend(
     session: Session, diagnosis: Diagnosis, names: Sequence[str] = (), limits: Limits | None = None,
-    without: Sequence[str] = (), progress: Progress = silent,
+    without: Sequence[str] = (), progress: Progress = silent, within: float | None = None,
 ) -> Recommendation | None:  # fmt: skip
     """The recommendation of the run that separates effects best, over the library of manoeuvres.
 
@@ -124,19 +144,22 @@ def recommend(
     ----------
     names : effects to distinguish, or the one to be excited; by default the best candidate and those tied with it.
     limits, without : limits of what may be driven, and excluded manoeuvres.
+    within : time [s] after which no further manoeuvre is begun; None tries all. The strongest of each kind come first,
+        and where none of these shows anything the others are not tried.
 
     Returns None when no names are given and nothing is tied. Raises UsageError for effects that are unknown or already
     in the model, and without the simulator.
     """
     version = session.study.version()
     with session.planned(("next", version)):
-        return _recommended(session, version, diagnosis, names, limits or Limits(), without, progress)
+        return _recommended(session, version, diagnosis, names, limits or Limits(), without, progress, within)
 
 
 def _recommended(
     session: Session, version: Version, diagnosis: Diagnosis, names: Sequence[str], limits: Limits,
-    without: Sequence[str], progress: Progress,
+    without: Sequence[str], progress: Progress, within: float | None,
 ) -> Recommendation | None:  # fmt: skip
+    until = np.inf if within is None else time.monotonic() + within
     fitted = session.values.fitted(version)
     wanted = list(dict.fromkeys(names or tied(diagnosis)))
     if not wanted:
@@ -158,21 +181,38 @@ def _recommended(
     sized = _sized(before, found)
     question = Question(fitted, sized, question.tolerances)
     before = Separations(question, present)
-    planned, problems = _library(session, fitted, limits, without, progress)
+    pictured = before.closest()
+    simulate, plans = _library(session, fitted, limits, without)
+    kinds_of_runs = len({plan.manoeuvre.name for plan in plans})
     runs: list[Recommended] = []
-    for number, one in enumerate(planned, 1):
-        progress(ServiceStep(ServiceStage.RUN_INFORMATION, number, len(planned), one.label))
-        drive = PreparedRun(one.prepared.recording)  # its motion is large, and not needed again
-        lacking = next((lack for c in compared if (lack := drive.lacks(c.effect))), None)
-        if lacking:
-            problems.append(f"left out: {one.label}: {not_measured(lacking)}")
-            continue
-        weighted = planned_run(question, drive, diagnosis.noise_ratio)
-        runs.append(_judged(question, present, before, one, weighted, limits, bool(why)))
+    problems: list[str] = []
+    tried = 0
+    for number, plan in enumerate(plans, 1):
+        if number > 1 and time.monotonic() > until:
+            break
+        if tried == kinds_of_runs and not any(run.after > _NOTHING for run in runs):
+            break
+        progress(ServiceStep(ServiceStage.SIMULATING_RUN, number, len(plans), plan.label))
+        planned, failed = simulate(plan)
+        problems += failed
+        tried += 1
+        for one in planned:
+            drive = PreparedRun(one.prepared.recording)  # its motion is large, and not needed again
+            lacking = next((lack for c in compared if (lack := drive.lacks(c.effect))), None)
+            if lacking:
+                problems.append(f"left out: {one.label}: {not_measured(lacking)}")
+                continue
+            weighted = planned_run(question, drive, diagnosis.noise_ratio)
+            runs.append(_judged(question, present, before, one, weighted, limits, bool(why), pictured))
     runs.sort(key=lambda r: (r.seconds is None, -r.after))
     now, each = _value(before), _sizes(before)
     says = recommendation(keys_of(question), now, runs[0] if runs else None, not names, why)
-    return Recommendation(question.compared, tuple(found), now, each, tuple(runs), says, tuple(problems))
+    if tried < len(plans):
+        says = f"{says} {tried_words(tried, len(plans), not any(run.after > _NOTHING for run in runs))}"
+    return Recommendation(
+        question.compared, tuple(found), now, each, tuple(runs), says, tuple(problems), tried, len(plans),
+        tuple(pictured), before.information(pictured),
+    )  # fmt: skip
 
 
 def tied(diagnosis: Diagnosis) -> list[str]:
@@ -243,21 +283,37 @@ def ordinary(fitted: Fit, effect: Effect) -> Array:
     return sizes
 
 
-def _library(
-    session: Session, fitted: Fit, limits: Limits, without: Sequence[str], progress: Progress
-) -> tuple[list[PlannedRun], list[str]]:
-    """The simulated motions of the library, and why some could not be simulated."""
+Simulate = Callable[[Plan], tuple[list[PlannedRun], list[str]]]
+"""Motion of a plan, or why it could not be simulated."""
+
+
+def _library(session: Session, fitted: Fit, limits: Limits, without: Sequence[str]) -> tuple[Simulate, Sequence[Plan]]:
+    """The library, the strongest of each kind of manoeuvre first, and what simulates one of it."""
     loaded = session.runs.loaded
     like = planned_car(loaded.vehicle, known_values(loaded.vehicle, fitted, loaded.reference))
     plans = library(like.car, limits, kinds((), without), SECONDS)
     channels = frozenset(name for run in loaded.prepared for name in run.recording.rates)
     sensors = SensorSetup(loaded.rig, session.study.filters, loaded.prepared[0].recording.rates, channels)
-    return simulated_runs(plans, like, loaded.vehicle, sensors, limits, session.study.folder / "planned", progress)
+    rank = {id(plan): place for kind in _by_kind(plans) for place, plan in enumerate(reversed(kind))}
+    folder = session.study.folder / "planned"
+
+    def simulate(plan: Plan) -> tuple[list[PlannedRun], list[str]]:
+        return simulated_runs([plan], like, loaded.vehicle, sensors, limits, folder, silent)
+
+    return simulate, sorted(plans, key=lambda plan: rank[id(plan)])
+
+
+def _by_kind(plans: Sequence[Plan]) -> list[list[Plan]]:
+    """The plans by manoeuvre, in the order of the library: the strongest last."""
+    found: dict[str, list[Plan]] = {}
+    for plan in plans:
+        found.setdefault(plan.manoeuvre.name, []).append(plan)
+    return list(found.values())
 
 
 def _judged(
     question: Question, present: Present, before: Separations, run: PlannedRun, weighted: WeightedRun, limits: Limits,
-    blocked: bool,
+    blocked: bool, pictured: Sequence[int],
 ) -> Recommended:  # fmt: skip
     """One manoeuvre of the longest duration, and the shortest duration that suffices."""
     after = Separations(question, present, weighted.lasting(limits.duration))
@@ -270,7 +326,7 @@ def _judged(
         seconds = next(enough, limits.duration)
     ordinary = _alone(after, question.compared[0].values) if len(question.compared) == 1 else None
     sentence = run_sentence(keys_of(question), run.label, seconds or limits.duration, now, value, limits.duration)
-    return Recommended(run, now, value, seconds, ordinary, sentence)
+    return Recommended(run, now, value, seconds, ordinary, sentence, after.information(pictured))
 
 
 def _value(separations: Separations) -> float:
@@ -331,5 +387,12 @@ def next_result(found: Recommendation) -> dict[str, Any]:
                 for one in found.runs
             ],
             "warnings": list(found.warnings),
+            "tried": found.tried,
+            "of": found.of,
+            "picture": {
+                "effects": [found.compared[i].effect.key for i in found.pictured],
+                "now": region(found.information),
+                "after": region(found.runs[0].information) if found.runs else None,
+            },
         }
     )

@@ -135,6 +135,13 @@ def recommendation(keys: Sequence[str], now: float, best: RecommendedRun | None,
     return f"{best.sentence} The wrong one is then picked with {percent(best.after)}, at present {percent(now)}."
 
 
+def tried_words(tried: int, of: int, nothing: bool) -> str:
+    """Why not the whole library of manoeuvres was tried."""
+    if nothing:
+        return f"The strongest manoeuvre of each kind shows nothing of it, so the other {of - tried} were not tried."
+    return f"So far {tried} of {of} manoeuvres were tried, the strongest of each kind first; ask again for the others."
+
+
 def short(x: float) -> str:
     """A separation or √λ in few digits."""
     return f"{x:.0f}" if x >= 10.0 else f"{x:.1f}"

@@ -13,7 +13,6 @@ from lacet.daq.errors import UsageError, nearest
 from lacet.identify.car.manoeuvre_phases import Phases, phases_of
 from lacet.identify.car.rows import ROWS, Row
 from lacet.identify.effects.base import Effect
-from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.derived import DamperCurve, damper_curves
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import Fit, fit
@@ -38,6 +37,8 @@ from lacet.services.workspace.study import Study, Version
 VERSIONS_AT_HAND = 1
 """Number of versions whose fits, floors and scores are held in memory. Those of the others are read from the study's
 cache again, in a tenth of a second; a fit's sensitivities are as large as the motions of all runs."""
+TRIAL = 0
+"""Number of a version that is not recorded; those of a study count from 1."""
 
 
 class KeptValues:
@@ -193,11 +194,10 @@ class KeptValues:
 
     def shares(self, version: Version) -> list[Shares]:
         """Each effect's contribution to the prediction of all runs, those used first."""
-        out: list[Shares] = []
-        for held in (False, True):
-            key = self._key("shares", version, held)
-            out += self._cache.kept("shares", key, lambda held=held: self._shares(version, held))
-        return out
+        return [*self._kept_shares(version, False), *self._kept_shares(version, True)]
+
+    def _kept_shares(self, version: Version, held: bool) -> list[Shares]:
+        return self._cache.kept("shares", self._key("shares", version, held), lambda: self._shares(version, held))
 
     def _shares(self, version: Version, held: bool) -> list[Shares]:
         runs, fitted, parts = self.runs.prepared(held), self.fitted(version), self.comparisons(version, held)
@@ -281,21 +281,35 @@ class KeptValues:
         self._cache.store.save("noise", key, found.noise.arrays())
         self._cache.store.save("ranking", key, diagnosis_record(found))
 
-    def residual_beside(
-        self, version: Version, effect: Effect, part: Comparison, compute: Callable[[], dict[Row, Array]]
-    ) -> dict[Row, Array]:
-        """Row → (n,) residual of a comparison's run after a one-step update by one more effect: kept, or computed."""
-        more = replace(version, effects={**version.effects, effect.key: dict(effect.shape)})
-        held = [] if part.used else self._cache.runs_key(held=True)
-        about = ["beside", list(version.effects), part.name, part.used, held]
-        key = self._cache.key("validation", more, self.runs.reference(version), *about)
-        return self._cache.kept("beside", key, compute)
+    def with_effect(self, version: Version, effect: Effect) -> tuple[list[Comparison], list[Shares]]:
+        """A version's model with one more effect, fitted anew: against the runs used, and its effects' contributions.
 
-    def next_run(self, version: Version, about: object, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-        """What to drive next, as plain data: kept, or computed; `about` : what was asked for, and whose sources."""
+        All is kept under the model's own key: a version that has the effect starts from it.
+        """
+        self.forget(TRIAL)
+        try:
+            return self.comparisons(trial(version, effect), held=False), self._kept_shares(
+                trial(version, effect), False
+            )
+        finally:
+            self.forget(TRIAL)
+
+    def next_run(
+        self, version: Version, about: object, compute: Callable[[], tuple[dict[str, Any], bool]]
+    ) -> dict[str, Any]:
+        """What to drive next, as plain data: kept, or computed, and kept where `compute` says that it is complete.
+
+        `about` : what was asked for, and whose sources.
+        """
         draws, reference = self.runs.study.draws, self.runs.reference(version)
         key = self._cache.key("design", version, reference, draws, about, catalogue=True)
-        return self._cache.kept("next", key, compute)
+        kept: dict[str, Any] | None = self._cache.store.load("next", key)
+        if kept is not None:
+            return kept
+        found, complete = compute()
+        if complete:
+            self._cache.store.save("next", key, found)
+        return found
 
     # -- results, pictures and pages ----------------------------------------------------------------------------------
 
@@ -335,6 +349,11 @@ class KeptValues:
     def page(self, kind: str, version: Version, content: object, write: Callable[[], str]) -> str:
         """An HTML page on a version, kept or as `write` gives it; `content` : what it shows beside its values."""
         return self._cache.kept(kind, self._key(kind, version, False, content), write)
+
+
+def trial(version: Version, effect: Effect) -> Version:
+    """A version's model with one more effect, as a version that is not recorded: its number is `TRIAL`."""
+    return replace(version, number=TRIAL, effects={**version.effects, effect.key: dict(effect.shape)})
 
 
 def _make_room(values: OrderedDict[Any, Any], most: int) -> None:
