@@ -10,6 +10,7 @@ from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, write_result
 from lacet.identify.effects.language.compiled import OneLine
 from lacet.identify.effects.language.linearity import FUNCTIONS
+from lacet.identify.effects.language.misspelling import doubtful
 from lacet.identify.effects.language.states import STATES, SUFFIXES
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
@@ -113,6 +114,8 @@ def _described(cls: type[OneLine], study: Study) -> dict[str, Any]:
     for p in effects[0].parameters:
         name, given = p.name.rpartition(".")[2], "as given" if p.name.rpartition(".")[2] in line.bounds else "plausible"
         print(f"  parameter {name} [{p.unit}], {given} from {p.low:g} to {p.high:g}")
+    for name, state in doubtful(line).items():
+        print(f"  ! {name} is a parameter here: did you mean the state '{state}'?")
     for name, values in line.grids.items():
         unit = line.constants[name].unit
         print(f"  constant {name} [{unit}], tried: {', '.join(f'{v:g}' for v in values)}")
