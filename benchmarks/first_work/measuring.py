@@ -67,8 +67,9 @@ def answered(side: Side, study: str) -> Cost:
         address = next((line.split()[1] for line in process.stdout if line.strip().startswith("open ")), None)
         if address is None:
             raise Failed(f"{' '.join(words)}: ended without an address")
-        for page in ("", "api/study"):
-            _fetch(address.rstrip("/") + "/" + page, begin + PATIENCE)
+        browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
+        for page in (address, f"{address.partition('?')[0]}api/study"):
+            _fetch(browser, page, begin + PATIENCE)
         clock, entry = time.monotonic() - begin, Path(f"/proc/{process.pid}")
         spent = entry.joinpath("stat").read_text().rsplit(")", 1)[1].split()
         peak = next(row for row in entry.joinpath("status").read_text().splitlines() if row.startswith("VmHWM"))
@@ -83,10 +84,10 @@ def answered(side: Side, study: str) -> Cost:
             process.wait()
 
 
-def _fetch(address: str, until: float) -> None:
+def _fetch(browser: urllib.request.OpenerDirector, address: str, until: float) -> None:
     while True:
         try:
-            with urllib.request.urlopen(address, timeout=PATIENCE) as answer:
+            with browser.open(address, timeout=PATIENCE) as answer:
                 answer.read()
             return
         except (urllib.error.URLError, ConnectionError) as cause:

@@ -80,7 +80,8 @@ def chromium() -> str:
 @contextmanager
 def serving(folder: Path) -> Iterator[tuple[int, str]]:
     """The workbench itself, on a free port: the number of its process and its address."""
-    command = [sys.executable, "-u", "-m", "lacet.services.commands.__main__", "ui", str(folder), "--port", "0"]
+    command = [sys.executable, "-u", "-m", "lacet.services.commands.__main__", "ui", str(folder), "--port", "0",
+               "--no-token"]  # fmt: skip
     server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parents[2])
     assert server.stdout is not None
     try:

@@ -25,9 +25,10 @@ with the other commands at any time.
   lacet ui DIR                              the study in DIR; a new one when there is none
   lacet ui DIR --open                       and open the browser
   lacet ui DIR --connect tls/10.0.0.7:7447 --keys keys/lab   show the car live while it is recorded (lacet keys)
-  lacet ui DIR --host 0.0.0.0               for other machines: the address printed holds a token they need
+  lacet ui DIR --host 0.0.0.0               for other machines
 
-It listens on loopback only by default, and loads nothing from elsewhere. Ctrl-C ends it.
+It listens on loopback only by default, and loads nothing from elsewhere. The address printed holds a token, without
+which nothing is answered. Ctrl-C ends it.
 Docs: workbench.md."""
 
 
@@ -38,6 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
     parser.add_argument(
         "--name", metavar="HOST", action="append", default=[], help="a further name the page is opened by (a proxy's)"
+    )
+    parser.add_argument(
+        "--no-token", action="store_true", help="anyone on this machine may open the page (loopback only)"
     )
     parser.add_argument("--open", action="store_true", help="open the browser")
     parser.add_argument("--connect", metavar="ENDPOINT", help="the recorder's router, to show the car live")

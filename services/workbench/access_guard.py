@@ -8,16 +8,19 @@ from __future__ import annotations
 
 import ipaddress
 import json
+import os
 import secrets
 import socket
 from collections.abc import Iterable
 from http.cookies import CookieError, SimpleCookie
+from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 COOKIE = "lacet"
+"""Beginning of the cookie's name; the port follows, as browsers send a host's cookies to all its ports."""
 POLICY = (
     "default-src 'self'; img-src 'self' data: blob:; style-src 'self'; object-src 'none'; base-uri 'none'; "
     "form-action 'self'; frame-ancestors 'none'"
@@ -38,12 +41,39 @@ def new_token() -> str:
     return secrets.token_urlsafe(24)
 
 
+def user_token() -> str:
+    """This user's token on this machine, kept in a file only they can read: a page that is open outlives a restart.
+
+    Where it cannot be kept, a new one.
+    """
+    file = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "lacet" / "ui-token"
+    try:
+        if file.is_file() and not file.stat().st_mode & 0o077 and len(found := file.read_text(encoding="ascii")) >= 32:
+            return found
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.unlink(missing_ok=True)
+        found = new_token()
+        with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as out:
+            out.write(found)
+        return found
+    except (OSError, ValueError):
+        return new_token()
+
+
+def cookie_name(host: str) -> str:
+    """Name of the cookie of a server under a Host header, by its port."""
+    try:
+        port = urlsplit(f"//{host}").port
+    except ValueError:
+        port = None
+    return f"{COOKIE}-{port or 80}"
+
+
 class Guard:
     """Middleware that admits or refuses requests.
 
-    `hosts` are names of the server; where it listens elsewhere than on loopback (`token` is given then), numerical
-    addresses too, which no other site can make resolve here. `token` is required once as ``?token=…``, and afterwards
-    as the cookie then set.
+    `hosts` are names of the server; with a `token` numerical addresses too, which no other site can make resolve here.
+    `token` is required once as ``?token=…``, and afterwards as the cookie then set.
     """
 
     def __init__(self, app: ASGIApp, hosts: Iterable[str] = (), token: str | None = None):
@@ -67,7 +97,8 @@ class Guard:
                 says = "open the address that lacet ui printed, with its token"
                 await _answer(send, 401, {"error": f"this page needs a token: {says}"})
                 return
-            cookie = f"{COOKIE}={self.token}; HttpOnly; SameSite=Strict; Path=/"
+            name = cookie_name(headers.get("host", ""))
+            cookie = f"{name}={self.token}; HttpOnly; SameSite=Strict; Path=/"
             await _answer(send, 303, {}, {"Location": scope["path"] or "/", "Set-Cookie": cookie})
             return
 
@@ -96,7 +127,7 @@ class Guard:
 
     def _known(self, headers: Headers) -> bool:
         try:
-            found = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+            found = SimpleCookie(headers.get("cookie", "")).get(cookie_name(headers.get("host", "")))
         except CookieError:
             return False
         return found is not None and secrets.compare_digest(found.value.encode(), (self.token or "").encode())

@@ -23,7 +23,7 @@ from starlette.staticfiles import StaticFiles
 from lacet.daq.bus.credentials import Credentials
 from lacet.daq.errors import LacetError, UsageError
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS
-from lacet.services.workbench.access_guard import Guard, new_token
+from lacet.services.workbench.access_guard import Guard, new_token, user_token
 from lacet.services.workbench.events import Events, Watch
 from lacet.services.workbench.job_record import JobRecord
 from lacet.services.workbench.jobs import Jobs
@@ -44,7 +44,7 @@ class Settings:
     """Settings of the server.
 
     `folder` : the study's, existing or not; `host`, `port` : address, port 0 for any that is free; `hosts` : further
-    names of the server; `token` : required where it listens elsewhere than on loopback; `most_upload` [bytes];
+    names of the server; `token` : must be given where it listens elsewhere than on loopback; `most_upload` [bytes];
     `connect` : router of the live recording; `draws` : noise-floor simulations of a new study; `credentials` : keys
     for that router.
     """
@@ -147,7 +147,7 @@ class _Server(uvicorn.Server):
 def serve(settings: Settings, open_browser: bool = False) -> None:
     """Run until Ctrl-C. Raises UsageError when the server cannot listen on its address."""
     if not is_loopback(settings.host) and settings.token is None:
-        raise UsageError(f"listening on {settings.host} needs a token")
+        raise UsageError(f"listening on {settings.host} needs a token: leave --no-token out")
     app = create_app(settings)
     config = uvicorn.Config(
         app, log_level="warning", access_log=False, timeout_graceful_shutdown=5, server_header=False
@@ -197,7 +197,7 @@ def _listening(settings: Settings) -> socket.socket:
 
 def settings_of(args: Any, credentials: Credentials | None = None) -> Settings:
     """The settings of the command line's arguments."""
-    token = None if is_loopback(args.host) else new_token()
+    token = None if args.no_token else user_token() if is_loopback(args.host) else new_token()
     return Settings(
         args.study,
         args.host,

@@ -46,6 +46,14 @@ def make_small(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Study, "effects", few)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def own_token(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """The user's token of these tests is not that of whoever runs them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        yield
+
+
 @pytest.fixture(autouse=True)
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Everything here is small."""

@@ -46,12 +46,16 @@ def test_started_heard_and_ended(made: Path):
         server = Command("ui", made, "--port", "0", cwd=made)
         running.append(server)
         server.wait_for("Ctrl-C ends it", 120.0)
-        url = server.text().split("open ")[1].split()[0]
+        printed = server.text().split("open ")[1].split()[0]
+        url, _, token = printed.partition("?token=")
         assert url.startswith("http://127.0.0.1:")
+        assert len(token) >= 32
         with (
-            httpx.Client(base_url=url, trust_env=False, timeout=60.0) as client,
+            httpx.Client(base_url=url, trust_env=False, timeout=60.0, follow_redirects=True) as client,
+            client.stream("GET", printed) as entry,
             client.stream("GET", "/api/events") as stream,
         ):
+            assert entry.status_code == 200
             assert stream.headers["content-type"].startswith("text/event-stream")
             lines = stream.iter_lines()
             assert news(lines, "hello") == {"pages": 1, "jobs": []}

@@ -17,7 +17,7 @@ from asammdf import Signal as MdfSignal
 from fastapi.testclient import TestClient
 
 from lacet.services.workbench import run_files, uploads
-from lacet.services.workbench.access_guard import COOKIE, POLICY, new_token
+from lacet.services.workbench.access_guard import POLICY, cookie_name, new_token, user_token
 from lacet.services.workbench.server import Settings, create_app, serve
 from tests.services.workbench.bench_page import Page
 from tests.support.rig import make_capture
@@ -69,7 +69,7 @@ def test_elsewhere_a_token_is_needed(tmp_path: Path):
         assert client.get("/").status_code == 401
         assert client.get("/?token=wrong").status_code == 401
         assert client.put("/api/runs/a.csv", content=b"x").status_code == 401
-        assert client.get("/api/study", headers={"Cookie": f"{COOKIE}=wrong"}).status_code == 401
+        assert client.get("/api/study", headers={"Cookie": f"{cookie_name('x:8765')}=wrong"}).status_code == 401
         assert client.get("/api/study", headers={"Host": "evil.example"}).status_code == 403
         opened = client.get(f"/?token={token}")
         assert opened.status_code == 303
@@ -79,6 +79,32 @@ def test_elsewhere_a_token_is_needed(tmp_path: Path):
     assert len(token) >= 32
     with pytest.raises(Exception, match="needs a token"):
         serve(Settings(tmp_path, host="0.0.0.0"))
+
+
+def test_two_servers_of_a_machine_have_cookies_of_their_own(tmp_path: Path):
+    tokens = new_token(), new_token()
+    opened: list[str] = []
+    for port, token in zip((8765, 8766), tokens, strict=True):
+        app = create_app(Settings(tmp_path / str(port), token=token))
+        base = f"http://127.0.0.1:{port}"
+        with TestClient(app, base_url=base, follow_redirects=False) as client:
+            opened.append(client.get(f"/?token={token}").headers["set-cookie"].split(";")[0])
+            both = {"Cookie": "; ".join(opened)}
+            assert client.get("/api/study", headers=both).status_code == 200, "the other server's cookie comes along"
+    assert len({cookie.split("=")[0] for cookie in opened}) == 2
+
+
+def test_the_users_token_stays_and_is_theirs_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    token = user_token()
+    assert user_token() == token
+    assert len(token) >= 32
+    (file,) = tmp_path.rglob("ui-token")
+    assert file.stat().st_mode & 0o077 == 0
+    file.chmod(0o644)
+    assert user_token() != token, "others may have read it"
+    monkeypatch.setenv("XDG_STATE_HOME", str(file))  # no folder: a token all the same
+    assert len(user_token()) >= 32
 
 
 def test_a_page_may_load_nothing_from_elsewhere(page: Page):
