@@ -6,10 +6,10 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from lacet.identify.car.motion import BrakingLeftOut, FlatRoad, GroundLaserOffset
-from lacet.identify.car.rows import Absence, Row, RowAbsence
+from lacet.identify.car.rows import ROWS, Absence, Row, RowAbsence
 from lacet.identify.signals.reconstruct import FewSamples, FewUsableSamples, Gaps, RunNote
 from lacet.identify.validation.explainable_residual import ExplainableResidual
-from lacet.identify.validation.score import FAILS, RowScore, fails
+from lacet.identify.validation.score import FAILS, RowScore, fails, row_errors
 from lacet.identify.validation.whiteness import Colour
 
 _MOST_INTERVALS = 3
@@ -142,11 +142,56 @@ def row_label(row: Row) -> dict[str, str]:
     return {"label": label, "about": f"{about}, {CORNER_WORDS[row.place]}", "unit": row.unit}
 
 
+ERROR_MEANINGS = {
+    "error": "Error ÷ floor of a row: √(Σ (measured − modelled)² ÷ Σ floor²), both sums over the samples of all runs "
+    "used. The floor is the RMS that the sensors' noise alone would leave. 1 is the floor.",
+    "worst": "Worst run: the largest RMS of measured − modelled ÷ floor of the row in any run, used or held out.",
+    "pooled": "Error ÷ floor of a model: root mean square, over the rows, of their error ÷ floor. 1 is the floor.",
+}
+"""What the numbers of the page are, with their formulas."""
+NOISE_ALONE = 2.0
+"""RMS variation of a measured row ÷ its noise floor below which its variance explained says nothing: most of the
+variance is noise, which no model explains."""
+
+
+def error_summary(used: Mapping[str, Mapping[str, Any]], held: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Each row's error for the page: over all runs used (over those held out where none has it), and in its worst run.
+
+    `fails` : whether it fails in any run that is judged; `level` and `worst_level` of colour, 0 to 4.
+    """
+    every = {**used, **held}
+    over = row_errors(held) | row_errors(used)
+    judged = {
+        run: {row: score for row, score in scores.items() if score.get("judged", True)} for run, scores in every.items()
+    }
+    single = row_errors(judged)
+    out: list[dict[str, Any]] = []
+    for row, error in over.items():
+        worst = single.get(row, error)
+        unit = next(scores[row]["unit"] for scores in every.values() if row in scores)
+        out.append(
+            {
+                "row": row, "unit": unit, "rms": error.rms, "floor": error.floor, "ratio": error.ratio,
+                "level": _level(error.ratio), "worst_run": worst.worst_run, "worst": worst.worst,
+                "worst_level": _level(worst.worst), "fails": fails(worst.worst),
+            }
+        )  # fmt: skip
+    return sorted(out, key=lambda one: ROWS.index(Row.parse(one["row"])))
+
+
 def with_verdict(score: Mapping[str, Any]) -> dict[str, Any]:
-    """A row's score with its verdict for the page: whether the row `fails`, and its `level` of colour, 0 to 4."""
+    """A row's score with its verdict for the page: whether the row `fails`, and its `level` of colour, 0 to 4.
+
+    `noise_alone` : whether what is measured is hardly more than noise.
+    """
     ratio = float(score["ratio"])
     return {
         **score,
         "fails": fails(ratio) and bool(score.get("judged", True)),
-        "level": sum(ratio > limit for limit in LEVELS),
+        "level": _level(ratio),
+        "noise_alone": score["rms"] ** 2 < (NOISE_ALONE * score["floor"]) ** 2 * (1.0 - score["vaf"] / 100.0),
     }
+
+
+def _level(ratio: float) -> int:
+    return sum(ratio > limit for limit in LEVELS)

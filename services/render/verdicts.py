@@ -87,7 +87,7 @@ def reason_text(c: Candidate, effect: Effect | None, draws: int) -> str:
 
 def _about(c: Candidate, parameters: Sequence[Parameter]) -> str:
     """A candidate's parameters without intervals: estimated beside a model that lacks others."""
-    parts = [f"{_last(q)} = {value:.3g} {q.unit}" for q, value in zip(parameters, c.values, strict=True)]
+    parts = [f"{last_name(q)} = {value:.3g} {q.unit}" for q, value in zip(parameters, c.values, strict=True)]
     return ", ".join([*parts, *(f"{name} {value:.3g} (SI)" for name, value in c.shape.items())])
 
 
@@ -103,11 +103,11 @@ def _rivals(c: Candidate) -> str:
 def sizes(c: Candidate, parameters: Sequence[Parameter]) -> str:
     """A candidate's parameters with 95 % intervals, and its shape constants."""
     parts = [
-        f"{_last(q)} = {_rounded(value, half)} ± {_two_digits(half)} {q.unit}"
+        f"{last_name(q)} = {rounded(value, half)} ± {two_digits(half)} {q.unit}"
         for q, value, half in zip(parameters, c.values, c.interval, strict=True)
     ]
     unusual = [
-        _last(q)
+        last_name(q)
         for q, value, half in zip(parameters, c.values, c.interval, strict=True)
         if (q.expect == "positive" and value + half < 0.0) or (q.expect == "negative" and value - half > 0.0)
     ]
@@ -185,8 +185,8 @@ def _implausible(c: Candidate, effect: Effect) -> str:
         return ""
     q = wrong.quantity
     value, half = 0.5 * (wrong.low + wrong.high), 0.5 * (wrong.high - wrong.low)
-    size = f"{value:.3g} ± {_two_digits(half)}" if math.isfinite(half) else _beyond(wrong)
-    return f"{_last(q)} would be {size} {q.unit} (plausible: {q.low:g} to {q.high:g})"
+    size = f"{value:.3g} ± {two_digits(half)}" if math.isfinite(half) else _beyond(wrong)
+    return f"{last_name(q)} would be {size} {q.unit} (plausible: {q.low:g} to {q.high:g})"
 
 
 def _beyond(wrong: Implausible) -> str:
@@ -383,16 +383,17 @@ def _listed(names: Sequence[str], kind: str = "rows") -> str:
     return shown if len(names) <= most else f"{shown} and {len(names) - most} more {kind}"
 
 
-def _last(q: Parameter) -> str:
+def last_name(q: Parameter) -> str:
+    """A parameter's name without that of its effect."""
     return q.name.rsplit(".", 1)[-1]
 
 
-def _two_digits(half: float) -> str:
+def two_digits(half: float) -> str:
     """An interval to two digits, without a power of ten up to a million."""
     return f"{float(f'{half:.2g}'):g}"
 
 
-def _rounded(value: float, half: float) -> str:
+def rounded(value: float, half: float) -> str:
     """A value to the second digit of its interval."""
     if not half > 0.0 or not np.isfinite(half):
         return f"{value:.3g}"
@@ -413,4 +414,15 @@ def print_change(item: Mapping[str, Any], what: str = "Added") -> None:
     text = f"{what} {item['effect']}: error ÷ floor {used['before']:.2f} → {used['after']:.2f} on the runs used"
     if held["before"] == held["before"]:
         text += f", {held['before']:.2f} → {held['after']:.2f} on those held out"
-    print(f"{text}.\n", flush=True)
+    print(f"{text}.{_helps_nobody(item, what)}\n", flush=True)
+
+
+def change_sentence(item: Mapping[str, Any], what: str = "Added") -> str:
+    """The change of the error on the effect's own row, in a sentence for the page."""
+    row = item["row"]
+    own = f": {row['row']} {row['before']:.2f} → {row['after']:.2f} times its floor" if row else ""
+    return f"{what} {item['effect']}{own}.{_helps_nobody(item, what)}"
+
+
+def _helps_nobody(item: Mapping[str, Any], what: str) -> str:
+    return " It helps no row: undo it." if what == "Added" and not item["helps"] else ""

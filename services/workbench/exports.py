@@ -10,7 +10,7 @@ from typing import Any
 from lacet.daq.formats.result import FORMAT, plain
 from lacet.identify.validation.score import pooled_ratio
 from lacet.services.exports.tables import csv_text
-from lacet.services.workbench.refusals import Needs
+from lacet.services.workbench.refusals import NotWritten
 from lacet.services.workbench.session_cache import SessionCache
 from lacet.services.workbench.study_views import parameters_payload
 from lacet.services.workbench.tasks import MARKDOWN, PICTURE, REPORT
@@ -28,7 +28,7 @@ class File:
 
 
 def report(cache: SessionCache) -> File:
-    """The last report written. Raises Needs when there is none newer than the study's last change."""
+    """The last report written. Raises NotWritten when there is none newer than the study's last change."""
     return File(f"{_name(cache)}-report.html", "text/html", _written(cache, REPORT), report_policy())
 
 
@@ -53,10 +53,10 @@ def picture(cache: SessionCache) -> File:
 
 
 def _written(cache: SessionCache, name: str) -> bytes:
-    """A file of the last report. Raises Needs when there is none newer than the study's last change."""
+    """A file of the last report. Raises NotWritten when there is none newer than the study's last change."""
     file = cache.folder / name
     if not file.is_file() or file.stat().st_mtime < (cache.folder / "study.json").stat().st_mtime:
-        raise Needs("report", "the report of the present version has not been written yet")
+        raise NotWritten("report", "the report of the present version has not been written yet")
     return file.read_bytes()
 
 

@@ -27,22 +27,30 @@ class InTheWay(Refusal):
     status = 409
 
 
-class Busy(Refusal):
-    """Impossible while a job computes."""
+class NotYet(Refusal):
+    """It can be had later; no error, which browsers would report to the user's console."""
 
-    status = 409
+    status = 202
+
+
+class Busy(NotYet):
+    """Impossible while a job computes."""
 
     def __init__(self, text: str):
         super().__init__(text, busy=True)
 
 
-class Needs(Refusal):
+class Needs(NotYet):
     """A job must be run first: `needs` is its name."""
-
-    status = 409
 
     def __init__(self, job: str, text: str):
         super().__init__(f"{text}: start the job '{job}'", needs=job)
+
+
+class NotWritten(Needs):
+    """A file that a job must write first: a browser must not save the answer in its place."""
+
+    status = 409
 
 
 class TooLarge(Refusal):

@@ -1,15 +1,13 @@
-"""Views of a row's residual for the page: against a state, in frequency, and with one more effect."""
+"""Views of a row's residual for the page: against a state, and in frequency."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 from lacet.daq.errors import nearest
 from lacet.daq.formats.result import plain
 from lacet.identify.car.rows import Row
-from lacet.identify.effects.catalogue import find_effect
 from lacet.identify.progress import silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.failure_analysis import FailureAnalysis
@@ -19,10 +17,8 @@ from lacet.identify.validation.spectra import row_spectrum
 from lacet.identify.validation.states import ClearStates
 from lacet.services.render.rows import CORNER_WORDS
 from lacet.services.render.units import TRAVEL, TRAVEL_RATE, display_unit
-from lacet.services.workbench.packed_arrays import packed
-from lacet.services.workbench.refusals import Needs, NotThere
+from lacet.services.workbench.refusals import NotThere
 from lacet.services.workbench.session_cache import WAIT, SessionCache
-from lacet.services.workbench.study_views import measured_row
 
 
 def where_payload(cache: SessionCache, version: int) -> dict[str, Any]:
@@ -108,37 +104,8 @@ def spectrum_payload(cache: SessionCache, version: int, text: str) -> dict[str, 
         {
             "row": row, "unit": ready.unit, "density_unit": f"({ready.unit})²/Hz", "frequency": ready.frequency,
             "residual": ready.residual, "floor": ready.floor, "high": ready.high, "level": ready.level,
-            "coherence": dict(ready.coherence),
+            "coherence": {name: ready.coherence[name] for name in ready.explained}, "explained": ready.explained,
             "together": {"of": ready.together_of, "squared": ready.together, "level": ready.together_level},
             "segments": ready.segments,
         }
     )  # fmt: skip
-
-
-def preview_body(cache: SessionCache, version: int, key: str, run: str, text: str) -> bytes:
-    """A row's residual, and the same after a one-step update with one more effect."""
-    study, of = cache.version(version)
-    found = next((c for c in _candidates(cache, version) if c["effect"] == key), None)
-    if found is None:
-        raise NotThere(f"the diagnosis of version {version} has no effect '{key}'")
-    part, _ = cache.compared(version).part(run)
-    row = measured_row(part, text)
-    with cache.computing(WAIT):
-        effect = find_effect(key, study.effects(str(of.result["wheel_reference"])))
-        effect = replace(effect, shape={**effect.shape, **found["shape"]})
-        after = cache.preview(version, effect, part, silent)
-    now = part.residual(row)
-    rms_now, rms_after = (float((series**2).mean() ** 0.5) for series in (now, after[row]))
-    arrays = {"t": part.t[row], "now": now, "after": after[row]}
-    return packed(
-        arrays, version=version, effect=key, run=run, row=row, rms_now=rms_now, rms_after=rms_after,
-        unit=part.scores[row].unit, floor=part.scores[row].floor,
-    )  # fmt: skip
-
-
-def _candidates(cache: SessionCache, version: int) -> list[Any]:
-    study = cache.study
-    found = replace(study, current=version).diagnosis()
-    if found is None:
-        raise Needs("diagnose", f"version {version} has not been diagnosed yet")
-    return found["candidates"]

@@ -10,7 +10,16 @@ from fastapi import APIRouter, Body, Request
 from fastapi.responses import JSONResponse, Response, StreamingResponse
 
 from lacet.daq.errors import UsageError
-from lacet.services.workbench import channel_maps, exports, file_changes, study_views, uploads, user_effects
+from lacet.services.workbench import (
+    channel_maps,
+    exports,
+    file_changes,
+    help_pages,
+    study_views,
+    uploads,
+    user_effects,
+)
+from lacet.services.workbench.effect_previews import preview_body
 from lacet.services.workbench.events import Events
 from lacet.services.workbench.force_views import forces_png
 from lacet.services.workbench.formula_views import formula_body
@@ -18,7 +27,7 @@ from lacet.services.workbench.jobs import Job, Jobs
 from lacet.services.workbench.live import Live
 from lacet.services.workbench.packed_arrays import MEDIA_TYPE
 from lacet.services.workbench.refusals import NotThere
-from lacet.services.workbench.residual_views import against_payload, preview_body, spectrum_payload, where_payload
+from lacet.services.workbench.residual_views import against_payload, spectrum_payload, where_payload
 from lacet.services.workbench.run_channels import RunChannels
 from lacet.services.workbench.run_files import RunFiles, find_run, undecoded, undecoded_record
 from lacet.services.workbench.session_cache import WAIT, SessionCache
@@ -153,9 +162,24 @@ def check_effect(request: Request, body: _JSON) -> Any:
 def keep_effect(request: Request, body: _JSON) -> Any:
     """Store a line."""
     b = bench(request)
-    found = user_effects.keep(b.cache, *_line(body))
+    meant = body.get("parameters") or []
+    if not isinstance(meant, list) or not all(isinstance(name, str) for name in meant):
+        raise UsageError("parameters: a list of names")
+    found = user_effects.keep(b.cache, *_line(body), meant)
     b.events.publish("study", {"changed": ["effects"]})
     return found
+
+
+@api.get("/terms")
+def terms(request: Request) -> Any:
+    """Terms of the page in a sentence each."""
+    return help_pages.terms_payload()
+
+
+@api.get("/docs/{name}")
+def docs(request: Request, name: str) -> Response:
+    """A page of the documentation as text."""
+    return Response(help_pages.doc_page(name), media_type="text/plain; charset=utf-8")
 
 
 @api.get("/car")
@@ -240,7 +264,8 @@ def compare(request: Request, version: int) -> Any:
 @api.get("/series/{version}/{run}/{row}")
 def series(request: Request, version: int, run: str, row: str) -> Response:
     """Measured and modelled row, with the contribution of each effect."""
-    return _bytes(study_views.series_body(bench(request).cache.compared(version), run, row))
+    cache = bench(request).cache
+    return _bytes(study_views.series_body(cache.compared(version), run, row, study_views.colour_places(cache.study)))
 
 
 @api.get("/forces/{version}/{run}")
@@ -287,10 +312,10 @@ def spectrum(request: Request, version: int, row: str) -> Any:
     return spectrum_payload(bench(request).cache, version, row)
 
 
-@api.get("/preview/{version}/{effect}/{run}/{row}")
-def preview(request: Request, version: int, effect: str, run: str, row: str) -> Response:
-    """A row's residual with one more effect."""
-    return _bytes(preview_body(bench(request).cache, version, effect, run, row))
+@api.get("/preview/{version}/{effect}")
+def preview(request: Request, version: int, effect: str) -> Response:
+    """What one more effect does, where it does most."""
+    return _bytes(preview_body(bench(request).cache, version, effect))
 
 
 @api.get("/export/{name}")

@@ -21,12 +21,11 @@ from lacet.daq.formats.run_files import further_files
 from lacet.identify.car.manoeuvre_phases import Phases
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
-from lacet.identify.multibody.vectors import Array
 from lacet.identify.selection.diagnose import Diagnosis
 from lacet.identify.validation.contributions import Shares
 from lacet.identify.validation.failure_analysis import FailureAnalysis
-from lacet.identify.validation.one_step_update import Preview, preview
 from lacet.identify.validation.score import Comparison
+from lacet.identify.validation.signature import Signature
 from lacet.services.progress import Progress, ServiceStage, ServiceStep
 from lacet.services.render.identifiability import rows_not_judged
 from lacet.services.render.rows import with_verdict
@@ -40,8 +39,8 @@ WAIT = 2.0
 """Longest time that a short request waits for a job to end [s]."""
 SESSIONS = 2
 """Number of sessions, one for each choice of runs, whose motions are kept in memory."""
-PREVIEWS = 50
-"""Number of one-step updates kept for each version."""
+PREVIEWS = 20
+"""Number of previews held in memory; fits and comparisons of others are on disk."""
 VERSIONS = 8
 """Number of versions whose series are kept in memory."""
 RANKINGS = 1
@@ -70,6 +69,21 @@ class Compared:
         raise UsageError(f"no run {run} in version {self.version.number}: {', '.join(p.name for p in self.parts)}")
 
 
+@dataclass(frozen=True)
+class Previewed:
+    """A model with one more effect against the runs used.
+
+    `row` and `run` : where the effect does most, and the run in which that row is worst; `now` and `after` : the
+    comparisons without and with the effect; `signature` : its law in that row, over a state.
+    """
+
+    row: Row
+    run: str
+    now: tuple[Comparison, ...]
+    after: tuple[Comparison, ...]
+    signature: Signature | None
+
+
 class SessionCache:
     """Cache of the sessions of one folder's study, which may not exist yet, and of their results.
 
@@ -82,7 +96,7 @@ class SessionCache:
         self._sessions: OrderedDict[tuple[object, ...], Session] = OrderedDict()
         self._compared: OrderedDict[int, Compared] = OrderedDict()
         self._where: OrderedDict[int, tuple[Stamp, FailureAnalysis, Mapping[str, Any]]] = OrderedDict()
-        self._previews: OrderedDict[tuple[object, ...], Preview] = OrderedDict()
+        self._previews: OrderedDict[tuple[object, ...], Previewed] = OrderedDict()
         self._diagnosed: OrderedDict[int, tuple[Stamp, Diagnosis]] = OrderedDict()
 
     # -- the folder ---------------------------------------------------------------------------------------------------
@@ -165,21 +179,9 @@ class SessionCache:
         _keep(self._where, version.number, kept)
         return kept[1]
 
-    def preview(self, number: int, effect: Effect, part: Comparison, progress: Progress) -> Mapping[Row, Array]:
-        """Row → residual of a run after a one-step update by one more effect; to be called while `computing`."""
-        study, version = self.version(number)
-        session = self.session(study, progress)
-
-        def residual() -> dict[Row, Array]:
-            key = (version.number, stamp_of(study), effect.key, tuple(sorted(effect.shape.items())))
-            if key not in self._previews:
-                self._previews[key] = preview(session.values.fitted(version), effect)
-                while len(self._previews) > PREVIEWS:
-                    self._previews.popitem(last=False)
-            drive = next(one for one in session.runs.prepared(not part.used) if one.name == part.name)
-            return self._previews[key].residual(drive, part)
-
-        return session.values.residual_beside(version, effect, part, residual)
+    def keep_preview(self, study: Study, version: Version, effect: Effect, found: Previewed) -> None:
+        """Cache a preview."""
+        _keep(self._previews, _place(study, version, effect), found, PREVIEWS)
 
     def keep_diagnosis(self, number: int, study: Study, diagnosis: Diagnosis) -> None:
         """Cache a ranking, on which the recommendation of the next run is based."""
@@ -202,6 +204,10 @@ class SessionCache:
         if kept is None or kept[0] != stamp_of(study):
             raise Needs("where", f"it has not been analysed yet where version {version.number} fails")
         return kept[1:]
+
+    def previewed(self, study: Study, version: Version, effect: Effect) -> Previewed | None:
+        """The cached preview of a version's model with one more effect, or None."""
+        return self._previews.get(_place(study, version, effect))
 
     def diagnosis(self, number: int) -> Diagnosis | None:
         """The cached ranking of a version, or None."""
@@ -247,7 +253,12 @@ def one_stamp(file: Path) -> tuple[str, int, int]:
     return str(file), found.st_mtime_ns, found.st_size
 
 
-def _keep(kept: OrderedDict[int, Any], number: int, value: Any, most: int = VERSIONS) -> None:
+def _place(study: Study, version: Version, effect: Effect) -> tuple[object, ...]:
+    """What a preview depends on."""
+    return version.number, stamp_of(study), effect.key, tuple(sorted(effect.shape.items()))
+
+
+def _keep(kept: OrderedDict[Any, Any], number: object, value: Any, most: int = VERSIONS) -> None:
     kept[number] = value
     kept.move_to_end(number)
     while len(kept) > most:

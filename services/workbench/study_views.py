@@ -13,12 +13,14 @@ from lacet.daq.formats.result import plain
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import ROWS, Row
+from lacet.identify.effects.catalogue import effect_classes
 from lacet.identify.validation.residual_map import BIN, residual_map
 from lacet.identify.validation.score import FAILS, Comparison, pooled_ratio
 from lacet.services.render.effect_text import effect_label
 from lacet.services.render.row_sources import HEAD, sources_lines
-from lacet.services.render.rows import row_label, with_verdict
+from lacet.services.render.rows import ERROR_MEANINGS, error_summary, row_label, with_verdict
 from lacet.services.render.units import unit_text
+from lacet.services.render.verdict_card import manoeuvre, verdict_card
 from lacet.services.workbench.packed_arrays import packed
 from lacet.services.workbench.refusals import NotThere
 from lacet.services.workbench.session_cache import Compared, SessionCache
@@ -36,12 +38,13 @@ def study_payload(cache: SessionCache, busy: dict[str, Any] | None) -> dict[str,
         "other_writer": (folder / ".writing").exists() and (busy is None),
     }  # fmt: skip
     vehicle, rig = folder / "vehicle.toml", folder / "rig.toml"
-    head |= {"fails_above": FAILS, "row_labels": {row: row_label(row) for row in ROWS}}
+    head |= {"fails_above": FAILS, "row_labels": {row: row_label(row) for row in ROWS}, "meanings": ERROR_MEANINGS}
     head["vehicle"] = Vehicle.load(vehicle).name if vehicle.is_file() else None
     sensors = Rig.load(rig, kept=True) if rig.is_file() else None
     head |= {"rig": sensors.name if sensors else None, "reference": sensors.wheel_reference if sensors else None}
     if not cache.exists:
-        none: dict[str, Any] = {"used": [], "held": [], "current": 0, "draws": None, "versions": [], "diagnosis": None}
+        none: dict[str, Any] = {"used": [], "held": [], "current": 0, "draws": None, "versions": [], "diagnosis": None,
+                                "card": None}  # fmt: skip
         return {**head, **none, "warnings": []}
     study = cache.study
     versions = study.versions()
@@ -55,18 +58,40 @@ def study_payload(cache: SessionCache, busy: dict[str, Any] | None) -> dict[str,
             "draws": study.draws,
             "reference": present.result["wheel_reference"] if present else head["reference"],
             "versions": [version_payload(study, v) for v in versions],
-            "diagnosis": diagnosis_payload(study.diagnosis()),
+            **ranking_payload(study),
             "warnings": present.result.get("warnings", []) if present else [],
         }
     )
 
 
-def diagnosis_payload(found: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """A diagnosis, each candidate with the `unit` of its gain."""
+def ranking_payload(study: Study) -> dict[str, Any]:
+    """The present version's `diagnosis` and verdict `card`; both None before it is ranked.
+
+    Each candidate also has the `unit` of its gain and the manoeuvre that it is `shown_by`.
+    """
+    found = study.diagnosis()
     if found is None:
-        return None
-    candidates = [{**c, "unit": Row.parse(c["rows"][0]).unit if c["rows"] else ""} for c in found["candidates"]]
-    return {**found, "candidates": candidates}
+        return {"diagnosis": None, "card": None}
+    effects = study.effects(str(study.version().result["wheel_reference"]))
+    candidates = [
+        {
+            **c,
+            "unit": Row.parse(c["rows"][0]).unit if c["rows"] else "",
+            "shown_by": manoeuvre(effects[c["effect"]]) if c["effect"] in effects else "",
+        }
+        for c in found["candidates"]
+    ]
+    return {"diagnosis": {**found, "candidates": candidates}, "card": verdict_card(found, effects)}
+
+
+def colour_places(study: Study) -> dict[str, int]:
+    """Family of effects → its place among the colours of a chart, the same in every version and after every start.
+
+    Those of the base model come first, then the others in the order in which they were first added.
+    """
+    families = [name for name, cls in effect_classes().items() if cls.base]
+    families += [key.split(".")[0] for version in study.versions() for key in version.effects]
+    return {family: place for place, family in enumerate(dict.fromkeys(families))}
 
 
 def version_payload(study: Study, version: Version) -> dict[str, Any]:
@@ -79,7 +104,8 @@ def version_payload(study: Study, version: Version) -> dict[str, Any]:
     used, held = study.runs_of(version)
     return {
         "version": version.number, "parent": version.parent, "note": version.note, "effects": version.effects,
-        "used_error": pooled_ratio(rows["used"]), "held_error": pooled_ratio(rows["held"]), "rows": shown, "used": used,
+        "used_error": pooled_ratio(rows["used"]), "held_error": pooled_ratio(rows["held"]), "rows": shown,
+        "errors": error_summary(rows["used"], rows["held"]), "used": used,
         "held": held, "runs_differ": (set(used), set(held)) != (set(study.used), set(study.held)),
         "not_judged": version.result.get("not_judged", []),
         "row_sources": {"head": HEAD, "lines": sources_lines(version.result.get("row_sources", []))},
@@ -93,8 +119,8 @@ def measured_row(part: Comparison, text: str) -> Row:
     return Row.parse(text)
 
 
-def series_body(found: Compared, run: str, text: str) -> bytes:
-    """Measured and modelled row, named by its `text`, and each effect's contribution."""
+def series_body(found: Compared, run: str, text: str, colours: Mapping[str, int]) -> bytes:
+    """Measured and modelled row, named by its `text`, and each effect's contribution; `colours` as `colour_places`."""
     part, shares = found.part(run)
     row = measured_row(part, text)
     score = part.scores[row]
@@ -104,6 +130,7 @@ def series_body(found: Compared, run: str, text: str) -> bytes:
     return packed(
         arrays, version=found.version.number, run=run, row=row, unit=score.unit, floor=score.floor, used=part.used,
         rms=score.rms, ratio=score.ratio, labels={key: effect_label(key) for key in shares.effects[row]},
+        colours={key: colours.get(key.split(".")[0], len(colours)) for key in shares.effects[row]},
     )  # fmt: skip
 
 

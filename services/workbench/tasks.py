@@ -13,6 +13,9 @@ from lacet.daq.run import Run
 from lacet.identify.validation.noise_floor import LEAST_DRAWS
 from lacet.services.planning.separation import next_run
 from lacet.services.progress import planned
+from lacet.services.render.verdicts import change_sentence
+from lacet.services.workbench.effect_previews import candidate, prepare
+from lacet.services.workbench.help_pages import bring_examples
 from lacet.services.workbench.jobs import Do, JobProgress
 from lacet.services.workbench.run_files import FOLDER, RAW, RunFiles, find_run
 from lacet.services.workbench.session_cache import SessionCache
@@ -25,6 +28,9 @@ from lacet.services.workspace.study import Study
 
 REPORT, MARKDOWN, PICTURE = "report.html", "report.md", "report.png"
 """Files of the report in the study's folder: whole, its first page with tables, and that page's picture."""
+WITHIN = 25.0
+"""Time after which the search for the next run begins no further manoeuvre [s]: the page answers within half a minute,
+and goes on from the motions it has when it is asked again."""
 Found = TypeVar("Found")
 
 
@@ -38,8 +44,8 @@ class Tasks:
         """Every job by its name."""
         own: dict[str, Do] = {
             "choose": self.choose, "compare": self.compare, "where": self.where, "diagnose": self.diagnose,
-            "add": self.add, "remove": self.remove, "undo": self.undo, "goto": self.goto, "next": self.next,
-            "report": self.report, "decode": self.decode,
+            "preview": self.preview, "add": self.add, "remove": self.remove, "undo": self.undo, "goto": self.goto,
+            "next": self.next, "report": self.report, "decode": self.decode, "examples": self.examples,
         }  # fmt: skip
         return {name: self._alone(task) for name, task in own.items()}
 
@@ -104,6 +110,10 @@ class Tasks:
         teller.progress(planned(decoding_plan()))
         return decode_log(raw, out, progress=teller.progress)
 
+    def examples(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
+        """Bring in the runs of the guided tour."""
+        return bring_examples(self.cache, teller)
+
     # -- analyses -----------------------------------------------------------------------------------------------------
 
     def compare(self, args: Mapping[str, Any], teller: JobProgress) -> Mapping[str, Any]:
@@ -129,8 +139,15 @@ class Tasks:
             lambda diagnosis: self.cache.keep_diagnosis(session.study.current, session.study, diagnosis),
         )  # fmt: skip
         steps = [diagnosis_result(diagnosis) for diagnosis in found.diagnoses]
+        if best := steps[-1]["best"]:
+            prepare(self.cache, candidate(self.cache, None, best), teller.progress)
         self.cache.compare(session.study.current, teller.progress)
         return {**steps[-1], "version": session.study.current, "auto": auto, "added": found.changes, "steps": steps}
+
+    def preview(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
+        """Fit a version's model with one more effect, to see what it would do."""
+        found = prepare(self.cache, candidate(self.cache, _number(args), _effect(args)), teller.progress)
+        return {"effect": _effect(args), "row": found.row, "run": found.run}
 
     def next(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
         """Recommend the run to drive next."""
@@ -142,7 +159,7 @@ class Tasks:
             if diagnosis is None:
                 diagnosis = session.diagnose()
                 self.cache.keep_diagnosis(study.current, study, diagnosis)
-            found = next_run(session, diagnosis, _names(args, "effects"), _names(args, "without"))
+            found = next_run(session, diagnosis, _names(args, "effects"), _names(args, "without"), WITHIN)
         return {"next": found}
 
     def report(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
@@ -163,21 +180,21 @@ class Tasks:
             isinstance(shape, dict) and all(isinstance(v, int | float) for v in shape.values())
         ):
             raise UsageError("shape: numbers by name")
-        return self._changed(key, teller, lambda session: session.add(key, shape or None))
+        return self._changed(key, teller, lambda session: session.add(key, shape or None), "Added")
 
     def remove(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
         """Remove an effect from the present version."""
         key = _effect(args)
-        return self._changed(key, teller, lambda session: session.remove(key))
+        return self._changed(key, teller, lambda session: session.remove(key), "Removed")
 
-    def _changed(self, key: str, teller: JobProgress, change: Any) -> dict[str, Any]:
+    def _changed(self, key: str, teller: JobProgress, change: Any, what: str) -> dict[str, Any]:
         study = self.cache.study
         session = self.cache.session(study, teller.progress)
         before = study.version()
         after = change(session)
         item = change_result(key, before.result["rows"], after.result["rows"])
         self._shown(session, after.number, teller)
-        return {"version": after.number, **item}
+        return {"version": after.number, **item, "says": change_sentence(item, what)}
 
     def undo(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, object]:
         """Return to the version that the present one was made from."""

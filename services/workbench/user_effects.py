@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Collection
 from typing import Any
 
 from lacet.daq.errors import LacetError, UsageError
 from lacet.daq.formats.result import plain
 from lacet.identify.effects.language.compiled import OneLine
 from lacet.identify.effects.language.linearity import FUNCTIONS
+from lacet.identify.effects.language.misspelling import doubtful, doubtful_words
 from lacet.identify.effects.language.parser import LineFault
 from lacet.identify.effects.language.states import STATES, SUFFIXES
 from lacet.identify.progress import silent
@@ -33,29 +36,51 @@ def check(cache: SessionCache, name: str, line: str) -> dict[str, Any]:
         may_have(study, cls)
     except LineFault as fault:
         at, until = _at(fault, line)
-        return {"ok": False, "says": "", "rows": [], "parameters": [], "error": fault.says, "at": at, "until": until}
+        return _NOTHING | {"error": fault.says, "at": at, "until": until, "doubts": _doubts(doubtful_words(text), line)}
     except LacetError as error:
-        return {"ok": False, "says": "", "rows": [], "parameters": [], "error": str(error), "at": None}
+        return _NOTHING | {"error": str(error)}
     found = line_result(cls, study.vehicle, _reference(study))
     variants = found["variants"]
     says = (
         f"{cls.name}: {found['about']}. Tried as {', '.join(variants)}." if variants else "it has no place on this car"
     )
-    return plain({"ok": True, "says": says, **_shown(found), "line": stored, "error": None, "at": None})
+    doubts = _doubts(doubtful(cls.line), line)
+    return plain({**_NOTHING, "ok": True, "says": says, **_shown(found), "line": stored, "doubts": doubts})
 
 
-def keep(cache: SessionCache, name: str, line: str) -> dict[str, Any]:
+def keep(cache: SessionCache, name: str, line: str, parameters: Collection[str] = ()) -> dict[str, Any]:
     """Try a line on the study's first run and store it in the study.
 
-    Raises UsageError, LineFault, and LacetError where its values are not finite; nothing is written then.
+    `parameters` : names that are meant as parameters though a state's is nearly the same. Raises UsageError, also for
+    such a name that is not among them, LineFault, and LacetError where its values are not finite; nothing is written
+    then.
     """
     study = cache.study
     cls, stored = with_name(_joined(name, line), study)
     may_have(study, cls)
+    for own, state in doubtful(cls.line).items():
+        if own not in parameters:
+            raise UsageError(f"did you mean '{state}'? '{own}' is no state, and would be a parameter")
     tried, sentence = _tried(cache, study, cls)
     replaced = put(study, cls, stored)
     found = line_result(cls, study.vehicle, _reference(study))
     return plain({"ok": True, **_shown(found), "line": stored, "replaced": replaced, "tried": tried, "tells": sentence})
+
+
+_NOTHING: dict[str, Any] = {
+    "ok": False, "says": "", "rows": [], "parameters": [], "variants": [], "doubts": [], "error": None, "at": None,
+}  # fmt: skip
+"""Answer on a line of which nothing is known."""
+
+
+def _doubts(names: dict[str, str], line: str) -> list[dict[str, Any]]:
+    """Names that may be misspelt states, with their first place in the law of a line, in characters from 0."""
+    law = line.find(":") + 1
+    out: list[dict[str, Any]] = []
+    for name, state in names.items():
+        if found := re.compile(rf"\b{re.escape(name)}\b").search(line, law):
+            out.append({"name": name, "state": state, "at": found.start(), "until": found.end()})
+    return out
 
 
 def _tried(cache: SessionCache, study: Study, cls: type[OneLine]) -> tuple[list[dict[str, Any]], str]:

@@ -13,10 +13,12 @@ from lacet.daq.formats.open_run import open_run
 from lacet.identify.car.rows import Row
 from lacet.identify.validation.score import FAILS
 from lacet.services.commands.__main__ import main
+from lacet.services.render.rows import with_verdict
 from lacet.services.workbench import run_channels
 from lacet.services.workbench.packed_arrays import packed, unpacked
 from lacet.services.workbench.residual_views import where_payload
 from lacet.services.workbench.session_cache import SessionCache
+from lacet.services.workspace.kept import kept_values
 from tests.services.workbench.bench_page import Page
 
 
@@ -81,6 +83,7 @@ def test_the_answer_is_the_command_lines(shared: Page, tmp_path: Path):
     for run in shared.get("compare/1")["runs"]:
         assert all(row.pop("fails") is (row["ratio"] > FAILS and row["judged"]) for row in run["rows"])
         assert all(row.pop("level") in range(5) for row in run["rows"])
+        assert all(row.pop("noise_alone") in (False, True) for row in run["rows"])
         flat = {row["row"]: row for row in run["rows"]}
         assert flat == shared.get("compare/1")["used" if run["used"] else "held"][run["name"]]
 
@@ -90,6 +93,8 @@ def test_the_ranking_is_kept_and_shown(shared: Page):
     assert {c["effect"] for c in found["candidates"]} == {"anti_roll_bar.front", "anti_roll_bar.rear", "coulomb.rear"}
     on_disk = json.loads((shared.folder / "diagnoses" / "001.json").read_text(encoding="utf-8"))
     units = [candidate.pop("unit") for candidate in found["candidates"]]
+    shown_by = {candidate.pop("shown_by") for candidate in found["candidates"]}
+    assert shown_by == {"steering or one-sided bumps together with heave", "smooth driving"}
     assert units == [Row.parse(c["rows"][0]).unit if c["rows"] else "" for c in on_disk["candidates"]]
     assert found == on_disk
 
@@ -138,14 +143,87 @@ def test_any_state_and_any_spectrum_can_be_asked_for(shared: Page):
     assert shared.get("against/1/chassis.zz/speed", 404)["error"]
 
 
-def test_a_preview_shows_the_residual_before_and_after(shared: Page):
-    head, found = arrays(shared, "preview/1/anti_roll_bar.front/sine/suspension.fl")
-    _, series = arrays(shared, "series/1/sine/suspension.fl")
+def test_a_preview_shows_the_effects_own_row_before_and_after(shared: Page):
+    assert shared.run("preview", effect="anti_roll_bar.front")["run"] == "sine"
+    head, found = arrays(shared, "preview/1/anti_roll_bar.front")
+    assert head["row"] in ("suspension.fl", "suspension.fr")
+    _, series = arrays(shared, f"series/1/sine/{head['row']}")
     assert found["now"] == pytest.approx(series["measured"] - series["modelled"], abs=1e-3)
     for name in ("now", "after"):
         assert head[f"rms_{name}"] == pytest.approx(np.sqrt(np.mean(found[name].astype(float) ** 2)), rel=1e-4)
     assert head["rms_after"] < 0.5 * head["rms_now"]
-    assert shared.get("preview/1/nothing/sine/suspension.fl", 404)["error"]
+    assert f"{head['row']} in sine" in head["says"]
+    assert shared.get("preview/1/nothing", 404)["error"]
+
+
+def test_the_signature_lies_on_the_residual_of_a_car_that_has_the_effect(shared: Page):
+    shared.run("preview", effect="anti_roll_bar.front")
+    head, found = arrays(shared, "preview/1/anti_roll_bar.front")
+    assert head["state"] == "travel difference across the axle"
+    assert head["state_unit"] == "mm"
+    assert head["part"] > 0.8
+    assert found["law"] == pytest.approx(found["mean"], abs=0.15 * float(np.max(np.abs(found["mean"]))))
+    assert np.corrcoef(found["law_at"], found["law"])[0, 1] > 0.99, "a bar is a line over the difference of travel"
+
+
+def test_a_preview_is_the_fit_that_adding_makes(page: Page, monkeypatch: pytest.MonkeyPatch):
+    page.run("diagnose")
+    page.run("preview", effect="anti_roll_bar.rear")
+    head, found = arrays(page, "preview/1/anti_roll_bar.rear")
+    monkeypatch.setattr(kept_values, "fit", lambda *_, **__: pytest.fail("the preview's fit serves"))
+    added = page.run("add", effect="anti_roll_bar.rear")
+    _, series = arrays(page, f"series/2/{head['run']}/{head['row']}")
+    assert found["after"] == pytest.approx(series["measured"] - series["modelled"], abs=1e-3)
+    assert added["row"]["row"] in page.get("study")["row_labels"]
+    assert added["says"].startswith(f"Added anti_roll_bar.rear: {added['row']['row']} ")
+    assert added["helps"]
+
+
+def test_every_place_shows_the_same_error_of_a_row(shared: Page):
+    """The rail, the car, the failure analysis and the table by version: pooled over the runs used."""
+    version = shared.get("study")["versions"][0]
+    where = shared.get("where/1")
+    scores = shared.get("compare/1")
+    for error in version["errors"]:
+        row = error["row"]
+        used = [rows[row] for rows in scores["used"].values() if row in rows]
+        rms, floor = (np.sqrt(np.mean([s[key] ** 2 for s in used])) for key in ("rms", "floor"))
+        assert error["ratio"] == pytest.approx(rms / floor), row
+        assert where["rows"][row] == pytest.approx(error["ratio"]), row
+        every = {name: rows[row]["ratio"] for part in ("used", "held") for name, rows in scores[part].items()
+                 if row in rows and rows[row]["judged"]}  # fmt: skip
+        assert error["worst"] == max(every.values())
+        assert every[error["worst_run"]] == error["worst"]
+    assert version["used_error"] == pytest.approx(np.sqrt(np.mean([e["ratio"] ** 2 for e in version["errors"]])))
+
+
+def test_coherence_is_in_the_order_of_the_power_that_it_explains(shared: Page):
+    row = shared.get("where/1")["worst"][0]
+    found = shared.get(f"spectrum/1/{row}")
+    power = np.array(found["residual"])
+    explained = {name: float(np.sum(np.array(c) * power) / np.sum(power)) for name, c in found["coherence"].items()}
+    assert list(explained) == sorted(explained, key=lambda name: -explained[name])
+    assert found["explained"] == pytest.approx(explained)
+    by_peak = sorted(explained, key=lambda name: -max(found["coherence"][name]))
+    assert by_peak != list(explained), "the highest line is another order"
+
+
+def test_effects_have_colours_that_stay(page: Page):
+    """Of the base model, and of others as they were first added; what is added later changes none."""
+    before = arrays(page, "series/1/sine/suspension.rl")[0] if page.run("compare") else {}
+    page.run("add", effect="coulomb.rear")
+    page.run("add", effect="anti_roll_bar.rear")
+    after = arrays(page, "series/3/sine/suspension.rl")[0]["colours"]
+    assert {key: after[key] for key in before["colours"]} == before["colours"]
+    assert after["anti_roll_bar.rear"] == after["coulomb.rear"] + 1
+    assert len({after["spring.rl"], after["damper.rl"], after["coulomb.rear"], after["anti_roll_bar.rear"]}) == 4
+
+
+def test_a_row_of_hardly_more_than_noise_has_no_variance_explained():
+    noise = {"rms": 1.0, "floor": 1.0, "vaf": 40.0, "ratio": 1.0}
+    assert with_verdict(noise)["noise_alone"]
+    assert not with_verdict({**noise, "vaf": 99.0})["noise_alone"]
+    assert not with_verdict({**noise, "rms": 5.0, "ratio": 5.0})["noise_alone"]
 
 
 def test_a_channel_has_holes_where_it_cannot_be_used(shared: Page):
@@ -201,9 +279,9 @@ def test_the_car_is_where_its_file_says(shared: Page):
 def test_what_has_not_been_computed_says_which_job_does_it(page: Page):
     for path, job in (
         ("compare/1", "compare"), ("map/1", "compare"), ("where/1", "where"), ("series/1/sine/tyre.fl", "compare"),
-        ("preview/1/coulomb.rear/sine/suspension.fl", "diagnose"),
+        ("preview/1/coulomb.rear", "diagnose"),
     ):  # fmt: skip
-        assert page.get(path, 409)["needs"] == job
+        assert page.get(path, 202)["needs"] == job
     assert page.get("compare/7", 400)["error"].endswith("(it has 1)")
     assert page.get("nothing", 404)["error"]
 

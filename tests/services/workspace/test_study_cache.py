@@ -7,17 +7,14 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import lacet.services.workspace.kept.kept_values
 import lacet.services.workspace.kept.study_runs
 from lacet.daq.formats.exchange import write_table
-from lacet.identify.car.rows import ROWS, Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -260,28 +257,3 @@ def test_runs_kept_in_the_study_are_the_runs_to_the_last_bit(folder: Path, monke
     for _ in range(2):
         assert StudyRuns(Study.open(folder)).loaded.rig.sensors == first.rig.sensors
     assert len(count) == 3
-
-
-def test_a_preview_is_kept_for_its_effect_its_constants_and_its_run(folder: Path):
-    values = Session(Study.open(folder)).values
-    version = replace(Study.open(folder).version(), result={"wheel_reference": "hub"})
-    known = Study.open(folder).effects("hub")
-    row = next(iter(ROWS))
-    made: list[str] = []
-
-    def beside(key: str, run: str, used: bool = True, **shape: float) -> float:
-        def compute() -> dict[Row, NDArray[np.float64]]:
-            made.append(key)
-            return {row: np.full(3, float(len(made)))}
-
-        effect = replace(known[key], shape={**known[key].shape, **shape})
-        part: Any = SimpleNamespace(name=run, used=used)
-        return float(values.residual_beside(version, effect, part, compute)[row][0])
-
-    first = [
-        beside("coulomb.rear", "one"), beside("coulomb.rear", "one", v0=0.123), beside("coulomb.rear", "two"),
-        beside("coulomb.front", "one"), beside("coulomb.rear", "one", used=False),
-    ]  # fmt: skip
-    assert first == [1.0, 2.0, 3.0, 4.0, 5.0]
-    values = Session(Study.open(folder)).values
-    assert [beside("coulomb.rear", "one"), beside("coulomb.rear", "one", v0=0.123)] == [1.0, 2.0]

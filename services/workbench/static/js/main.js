@@ -6,6 +6,7 @@ import { createJobs } from "./net/jobs.js";
 import { installKeys } from "./widgets/keys.js";
 import { createRail } from "./widgets/rail.js";
 import { createJobBar, createToasts } from "./widgets/shell.js";
+import { createTour } from "./widgets/tour.js";
 import { createState, LAYOUT, readHash, rowsOf, runsOf, writeHash } from "./net/state.js";
 
 const VIEWS = {
@@ -65,6 +66,7 @@ const app = {
   rows: () => rowsOf(state.study, state.version),
   runs: () => runsOf(state.study),
   views: NAMES,
+  tour: () => document.getElementById("tour-button").click(),
 };
 
 function choose(patch) {
@@ -114,8 +116,11 @@ function fitChoice() {
   const rows = rowsOf(state.study, state.version);
   if (!rows.length) return;
   const patch = {};
-  if (!runsOf(state.study).includes(state.run)) patch.run = runsOf(state.study)[0] ?? null;
-  if (!rows.some((r) => r.row === state.row)) patch.row = rows.reduce((a, b) => (b.ratio > a.ratio ? b : a)).row;
+  const worst = rows.reduce((a, b) => (b.ratio > a.ratio ? b : a));
+  const row = rows.find((r) => r.row === state.row) ?? worst;
+  if (row.row !== state.row) patch.row = row.row;
+  const runs = runsOf(state.study);
+  if (!runs.includes(state.run)) patch.run = runs.includes(row.worst_run) ? row.worst_run : (runs[0] ?? null);
   if (Object.keys(patch).length) {
     set(patch);
     keepAddress();
@@ -243,6 +248,7 @@ function start() {
     .getElementById("theme-button")
     .addEventListener("click", () => theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark", true));
   createRail(document.getElementById("rail"), document.getElementById("car-button"), app);
+  createTour(app, document.getElementById("tour-button"));
   installKeys(app, document.getElementById("keys-button"), () => shown.view);
   window.addEventListener("hashchange", () => void route());
   set(readHash(location.hash).patch);

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from lacet.services.render.verdict_card import MOST_WORDS
 from tests.services.workbench.browser.bench import LONG, Bench, Watch, opening, serving
 from tests.support.processes import Command
 
@@ -98,34 +99,73 @@ def _find_and_add(watch: Watch) -> None:
     watch.at("nav-missing").click()
     watch.at("diagnose").click()
     watch.expect(watch.at("job-bar")).to_contain_text("Looking for what is missing", timeout=LONG)
-    watch.at("job-cancel").click()
+    watch.at("stop").click()
     watch.expect(watch.at("job-bar")).to_contain_text("cancelled", timeout=LONG)
     watch.expect(watch.at("verdict")).to_contain_text("Not looked for yet")
     watch.at("diagnose").click()
-    watch.expect(watch.at("verdict")).to_contain_text(f"Missing: {FRONT}", timeout=LONG)
-    candidate = watch.at(f"candidate-{FRONT}")
-    watch.expect(candidate).to_contain_text("missing")
-    watch.expect(candidate).to_contain_text("N/m, sign ✓")
-    watch.at("car-suspension.fl").click()
-    candidate.hover()
-    preview = watch.page.locator(".preview")
-    watch.expect(preview).to_contain_text(re.compile(r"suspension\.fl in .*% less"), timeout=LONG)
-    watch.expect(preview.locator("canvas").first).to_be_visible()
-    watch.quiet()
-    watch.picture("4-missing")
-    watch.at(f"add-{FRONT}").click()
+    _card(watch)
+    _preview(watch)
+    watch.at("add-best").click()
     _version(watch, 2)
+    watch.expect(watch.at("last-change")).to_have_text(
+        re.compile(r"Added anti_roll_bar\.front: suspension\.f[lr] [\d.]+ → [\d.]+ times its floor\."), timeout=LONG
+    )
     assert _errors(watch)[1] < 0.8 * _errors(watch)[0]
+    # the ranking goes on by itself, and can be stopped
+    watch.expect(watch.at("job-bar")).to_contain_text("Looking for what is missing", timeout=LONG)
+    watch.at("stop").click()
+    watch.expect(watch.at("job-bar")).to_contain_text("cancelled", timeout=LONG)
+    watch.expect(watch.at("verdict")).to_contain_text("Not looked for yet in version 2")
     watch.expect(watch.at(f"remove-{FRONT}")).to_be_enabled()
     watch.at("diagnose-auto").click()
     _version(watch, 3)
-    watch.expect(watch.at("verdict")).to_contain_text("Nothing is missing", timeout=LONG)
+    watch.expect(watch.at("card")).to_contain_text("Nothing missing that these runs can show", timeout=LONG)
+    watch.expect(watch.at("card")).to_contain_text(
+        re.compile(r"\d+ effects untestable.*Would show most: \w+", re.DOTALL)
+    )
     watch.expect(watch.at(f"remove-{REAR}")).to_be_visible()
     watch.picture("4-nothing-missing")
     used = _errors(watch)
     assert len(used) == 3
     assert used[2] < 1.1 < used[1]
     watch.expect(watch.at("car-suspension.fl")).not_to_contain_text("!")
+
+
+def _card(watch: Watch) -> None:
+    """Which effect, how sure, why not the next ones, in few words; what to press is in sight."""
+    card = watch.at("card")
+    watch.expect(card).to_contain_text("Missing: anti-roll bar, front", timeout=LONG)
+    watch.expect(card).to_contain_text(re.compile(r"k = \d+ ± \d+ N/m \(95 %, with sheet\)"))
+    watch.expect(card).to_contain_text(re.compile(r"Out: \S+: \w+"))
+    assert len(card.inner_text().replace("!", "").split()) <= MOST_WORDS, card.inner_text()
+    button = watch.at("add-best")
+    watch.expect(button).to_have_text("Add anti-roll bar, front")
+    watch.expect(button).to_be_in_viewport(ratio=1.0)
+    watch.expect(watch.at("signature-plot")).to_contain_text("law of anti-roll bar, front", timeout=LONG)
+    watch.expect(watch.at("signature-plot").get_by_role("img")).to_have_attribute(
+        "aria-label", re.compile("travel difference across the axle")
+    )
+    candidate = watch.at(f"candidate-{FRONT}")
+    watch.expect(candidate).to_contain_text("missing")
+    watch.expect(candidate).to_contain_text("N/m, sign ✓")
+
+
+def _preview(watch: Watch) -> None:
+    """Of the effect's own row and its worst run, whatever is chosen elsewhere, and in sight beside a long list."""
+    watch.at("car-tyre.rr").click()
+    says = watch.at("preview-says")
+    watch.expect(says).to_contain_text(re.compile(r"suspension\.f[lr] in .*% less"), timeout=LONG)
+    watch.expect(watch.at("preview").locator("canvas").first).to_be_visible()
+    watch.quiet()
+    watch.picture("4-missing")
+    watch.page.get_by_role("button", name="Show all").click()
+    last = watch.page.locator("[data-testid^=candidate-]").last
+    last.scroll_into_view_if_needed()
+    watch.expect(last).to_be_in_viewport()
+    watch.expect(watch.at("preview")).to_be_in_viewport(ratio=0.7)
+    watch.at(f"candidate-{REAR}").click()
+    watch.expect(says).to_contain_text(re.compile(r"suspension\.r[lr] in .*% less"), timeout=LONG)
+    assert str(watch.at("preview").get_attribute("data-row")).startswith("suspension.r")
 
 
 def _errors(watch: Watch) -> list[float]:
@@ -164,13 +204,27 @@ def _own_effect(watch: Watch, bench: Bench) -> None:
     line.fill("anti_roll_bar = suspension: p * travel")
     taken = "✕ there is another effect 'anti_roll_bar' already: give this one another name"
     watch.expect(watch.at("own-check")).to_have_text(taken)
-    line.fill(RIGHT)
+    line.fill(RIGHT.replace("travel", "trafl"))
+    watch.expect(watch.at("own-check")).to_contain_text("Did you mean travel?")
+    watch.expect(watch.at("own-add")).to_be_disabled()
+    watch.picture("4-own-asked")
+    watch.at("own-state").click()
+    watch.expect(line).to_have_value(RIGHT)
     watch.expect(watch.at("own-check")).to_contain_text("units agree")
     watch.expect(watch.at("own-check")).to_contain_text("N/m²")
     watch.expect(watch.at("own-add")).to_be_enabled()
     watch.at("own-keep").click()
     watch.expect(watch.page.get_by_text("Kept in the study: bump")).to_be_visible()
     assert "travel**2" in "".join(f.read_text() for f in (bench.folder / "effects").iterdir())
+    # where it is added is chosen before; that it helps nobody is said, and can be undone at once
+    watch.at("own-variant-bump.rear").check()
+    watch.expect(watch.at("own-add")).to_have_text("Keep and add bump.rear")
+    watch.at("own-add").click()
+    _version(watch, 4)
+    watch.expect(watch.at("last-change")).to_contain_text("It helps no row: undo it.", timeout=LONG)
+    watch.picture("4-helps-no-row")
+    watch.at("undo-add").click()
+    _version(watch, 3)
 
 
 def _reload(watch: Watch) -> None:

@@ -41,13 +41,22 @@ export function surfaceMaps(root) {
     return what === "residual" ? signedScale(Math.max(-low, high, 1e-9)) : plainScale(low, high > low ? high : low + 1);
   }
 
+  /** Edges that all corners share, so that their pictures can be compared at a glance. */
+  function extent() {
+    const over = (edges) => {
+      const all = Object.values(surfaces).flatMap((s) => [s.shown[edges][0], s.shown[edges].at(-1)]);
+      return [Math.min(...all), Math.max(...all)];
+    };
+    return { travel: over("travel"), rate: over("rate") };
+  }
+
   return {
     update(next, kind, least) {
       few.textContent = `fewer than ${least} samples`;
       surfaces = next;
       what = kind;
       for (const corner of Object.keys(surfaces)) if (!panels.has(corner)) panels.set(corner, panel(grid, corner));
-      for (const [corner, one] of panels) one.show(surfaces[corner], what, scale);
+      for (const [corner, one] of panels) one.show(surfaces[corner], what, scale, extent());
       const own = scale();
       const found = ticks(own.low, own.high, 4);
       const unit = Object.values(surfaces)[0]?.shown.unit ?? "";
@@ -70,17 +79,18 @@ function panel(root, corner) {
   let one = null;
   let what = "residual";
   let scale = null;
+  let range = null;
   const sheet = sharpCanvas(box, 230, paint);
   const hint = "travel: compression positive";
   read.textContent = hint;
 
   function frame() {
-    const { travel, rate } = one.shown;
+    const { travel, rate } = range;
     const [right, bottom] = [sheet.width() - RIGHT, 230 - FOOT];
     return {
       right, bottom,
-      x: line(travel[0], travel[travel.length - 1], LEFT, right),
-      y: line(rate[0], rate[rate.length - 1], bottom, TOP),
+      x: line(...travel, LEFT, right),
+      y: line(...rate, bottom, TOP),
     };
   }
 
@@ -102,7 +112,7 @@ function panel(root, corner) {
       ctx.textBaseline = "middle";
       ctx.fillText("×", (x0 + x1) / 2, (y0 + y1) / 2);
     }));
-    axes(ctx, x, y, right, bottom, shown);
+    axes(ctx, x, y, right, bottom, { ...range, travel_unit: shown.travel_unit, rate_unit: shown.rate_unit });
   }
 
   pointer(sheet.canvas, {
@@ -123,8 +133,9 @@ function panel(root, corner) {
   });
 
   return {
-    show(next, kind, make) {
+    show(next, kind, make, edges) {
       one = next ?? null;
+      range = edges;
       what = kind;
       scale = make;
       const shown = one?.shown;
@@ -143,7 +154,7 @@ function axes(ctx, x, y, right, bottom, { travel, rate, travel_unit: travelUnit,
   ctx.fillStyle = ctx.strokeStyle = resolved("--chart-ink");
   ctx.textAlign = "center";
   ctx.textBaseline = "top";
-  const across = ticks(travel[0], travel[travel.length - 1], Math.max(2, Math.floor((right - LEFT) / 60)));
+  const across = ticks(...travel, Math.max(2, Math.floor((right - LEFT) / 60)));
   for (const v of across.values) {
     mark(ctx, x.to(v), bottom, 0, 4);
     ctx.fillText(tick(v, across.step), x.to(v), bottom + 6);
@@ -151,7 +162,7 @@ function axes(ctx, x, y, right, bottom, { travel, rate, travel_unit: travelUnit,
   ctx.fillText(`travel [${travelUnit}]`, (LEFT + right) / 2, bottom + 23);
   ctx.textAlign = "right";
   ctx.textBaseline = "middle";
-  const up = ticks(rate[0], rate[rate.length - 1], 6);
+  const up = ticks(...rate, 6);
   for (const v of up.values) {
     mark(ctx, LEFT, y.to(v), -4, 0);
     ctx.fillText(tick(v, up.step), LEFT - 6, y.to(v));

@@ -25,7 +25,8 @@ async function ask(path, options) {
     if (cause.name === "AbortError") throw cause;
     throw new ApiError(SILENT, 0);
   }
-  if (!answer.ok) throw failure(answer.status, await answer.text());
+  // 202: not yet, as a job has to be done first, or is at work
+  if (!answer.ok || answer.status === 202) throw failure(answer.status, await answer.text());
   return answer;
 }
 

@@ -72,36 +72,14 @@ export function writeHash(view, state) {
 }
 
 /**
- * Rows of a version with their largest error ÷ floor over the runs, in the order of the equations.
+ * Rows of a version with their errors over all runs used and in the worst run, in the order of the equations.
  * @param {Object|null} study as /api/study gives it
  * @param {number|null} number of the version
- * @param {string|null} [run] only this run
- * @returns {Array<{row: string, unit: string, ratio: number, run: string, fails: boolean, level: number, colour: string}>}
+ * @returns {Array<{row: string, unit: string, rms: number, floor: number, ratio: number, level: number, fails: boolean,
+ *   worst: number, worst_run: string, worst_level: number}>}
  */
-export function rowsOf(study, number, run = null) {
-  const version = study?.versions?.find((v) => v.version === number);
-  const found = new Map();
-  for (const part of [version?.rows?.used, version?.rows?.held]) {
-    for (const [name, rows] of Object.entries(part ?? {})) {
-      if (run && name !== run) continue;
-      const list = Array.isArray(rows) ? rows.map((r) => [r.row, r]) : Object.entries(rows);
-      for (const [row, score] of list) {
-        if (score.judged === false) continue;
-        const known = found.get(row);
-        if (known && known.ratio >= score.ratio) continue;
-        found.set(row, {
-          row,
-          unit: score.unit,
-          ratio: score.ratio,
-          run: name,
-          fails: score.fails,
-          level: score.level,
-          colour: score.colour ?? "",
-        });
-      }
-    }
-  }
-  return [...found.values()];
+export function rowsOf(study, number) {
+  return study?.versions?.find((v) => v.version === number)?.errors ?? [];
 }
 
 /**

@@ -43,8 +43,8 @@ export function strip(score) {
   return h("dl", { class: "scores", "data-testid": "scores" },
     cell("error, RMS", `${short(score.rms)} ${score.unit}`),
     cell("noise floor, RMS", `${short(score.floor)} ${score.unit}`),
-    cell("error ÷ floor", times(score.ratio), bad ? "fails" : ""),
-    cell("variance explained", `${percent(score.vaf)} %`),
+    cell("error ÷ floor, this run", times(score.ratio), bad ? "fails" : ""),
+    cell("variance explained", score.noise_alone ? "–" : `${percent(score.vaf)} %`),
     cell("error ÷ span", `${short(score.nrmse, 2)} %`),
     cell("the residual is", score.colour || "–", "wide"),
     cell("verdict", judged(score), `wide${bad ? " fails" : ""}`));
@@ -57,7 +57,7 @@ export function strip(score) {
  * @returns {HTMLElement}
  */
 export function table({ rows, chosen, beneath, onRow, onBeneath }) {
-  const head = ["row", "unit", "error", "floor", "error ÷ floor", "VAF [%]", "residual", "verdict", "beneath"];
+  const head = ["row", "unit", "error", "floor", "error ÷ floor, this run", "VAF [%]", "residual", "verdict", "beneath"];
   return h("table", { class: "score-table" },
     h("thead", null, h("tr", null, head.map((t, k) => h("th", { scope: "col", class: k > 1 && k < 6 ? "num" : "", text: t })))),
     h("tbody", null, rows.map((score) => h("tr", { "aria-selected": String(score.row === chosen), data: { row: score.row } },
@@ -66,7 +66,7 @@ export function table({ rows, chosen, beneath, onRow, onBeneath }) {
       h("td", { class: "num", text: short(score.rms) }),
       h("td", { class: "num", text: short(score.floor) }),
       h("td", { class: `num${score.fails ? " bad strong" : ""}`, text: times(score.ratio) }),
-      h("td", { class: "num", text: percent(score.vaf) }),
+      h("td", { class: "num", text: score.noise_alone ? "–" : percent(score.vaf) }),
       h("td", { text: score.colour || "–" }),
       h("td", { class: "why", text: judged(score) }),
       h("td", null, h("input", { type: "checkbox", checked: beneath.has(score.row), "aria-label": `show ${score.row} beneath`,

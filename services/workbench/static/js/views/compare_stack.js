@@ -7,7 +7,6 @@ import { h } from "../widgets/dom.js";
 
 const MOST_LAYERS = 8;
 const NOTHING = new Float32Array(0);
-const colours = new Map(); // kind of effect → place in the palette: springs are alike at every corner
 
 /**
  * Charts of a row, with their heights reserved before there is anything to draw.
@@ -117,7 +116,7 @@ function layers({ arrays, meta }, centred) {
     for (const one of rest) for (let i = 0; i < sum.length; i += 1) sum[i] += one.values[i] - (centred ? one.mean : 0);
     series.push({ name: `${rest.length} smaller`, key: "smaller", values: sum });
   }
-  paint(series);
+  paint(series, meta.colours);
   const total = mean(arrays.modelled);
   const line = { name: "modelled: the sum", colour: "--ink", width: 1.4,
     values: centred ? arrays.modelled.map((v) => v - total) : arrays.modelled };
@@ -130,17 +129,19 @@ function layers({ arrays, meta }, centred) {
   return { series: [...series, line], restack };
 }
 
-/** Each effect keeps its colour from row to row as far as no two layers of a row are alike. */
-function paint(series) {
+/**
+ * Each family of effects has its colour by the server, the same in every version and after a reload, as far as no two
+ * layers of a row are alike.
+ */
+function paint(series, places) {
   const taken = new Set();
-  for (const s of series) {
+  // in the order of the places: what was added later gives way, whatever its size here
+  for (const s of [...series].sort((a, b) => (places[a.key] ?? 0) - (places[b.key] ?? 0))) {
     if (s.key === "zeros" || s.key === "smaller") {
       s.colour = "--floor";
       continue;
     }
-    const kind = s.key.split(".")[0];
-    if (!colours.has(kind)) colours.set(kind, colours.size % 8);
-    let k = colours.get(kind);
+    let k = places[s.key] % 8;
     for (let tries = 0; taken.has(k) && tries < 8; tries += 1) k = (k + 1) % 8;
     taken.add(k);
     s.colour = `--effect-${k}`;

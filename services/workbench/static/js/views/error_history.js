@@ -2,6 +2,7 @@
 
 import { h } from "../widgets/dom.js";
 import { number, short, times } from "../widgets/format.js";
+import { term } from "../widgets/terms.js";
 import { createWaterfall, legend } from "../charts/waterfall.js";
 
 /**
@@ -47,7 +48,7 @@ export async function show(root, app) {
       "div",
       { class: "falls-head" },
       h("h1", { text: "The error falls" }),
-      h("div", { class: "bar exports" }, h("span", { class: "muted", text: "Take away:" }), tools),
+      h("div", { class: "bar exports" }, h("span", { class: "muted", text: "Export:" }), tools),
     ),
     h(
       "div",
@@ -59,6 +60,7 @@ export async function show(root, app) {
           "h2",
           { title: "a version chosen becomes the present one" },
           "Error ÷ noise floor by version",
+          term(app, "version"),
           h("span", { class: "muted legend" }, legend()),
         ),
         waterfall.element,
@@ -68,7 +70,7 @@ export async function show(root, app) {
         { class: "panel flush versions" },
         h(
           "div",
-          { class: "scroll versions-scroll" },
+          { class: "scroll versions-scroll", tabindex: "0", role: "region", "aria-label": "versions" },
           h(
             "table",
             null,
@@ -94,7 +96,7 @@ export async function show(root, app) {
       h(
         "div",
         { class: "bar inset" },
-        h("h2", { text: "Parameters" }),
+        h("h2", null, "Parameters ", term(app, "interval")),
         filter,
         h("label", { class: "check" }, changes, h("span", { text: "earlier versions" })),
         h("label", { class: "check" }, sheet, h("span", { text: "intervals with the sensor sheet" })),
@@ -102,7 +104,7 @@ export async function show(root, app) {
       ),
       h(
         "div",
-        { class: "scroll parameters-scroll" },
+        { class: "scroll parameters-scroll", tabindex: "0", role: "region", "aria-label": "parameters" },
         h("table", { class: "parameters", "data-testid": "parameters" }, h("thead", null, heads), body),
       ),
       left,
@@ -166,7 +168,7 @@ export async function show(root, app) {
                 })
               : null,
           ),
-          h("td", { class: "num", text: times(v.used_error) }),
+          h("td", { class: "num", title: study.meanings.pooled, text: times(v.used_error) }),
           h("td", { class: "num", text: times(v.held_error) }),
           h(
             "td",

@@ -2,6 +2,8 @@
 
 import { h } from "../widgets/dom.js";
 import { short } from "../widgets/format.js";
+import { xyPlot } from "../charts/xy_plot.js";
+import { term } from "../widgets/terms.js";
 
 /**
  * @param {Object} app
@@ -17,10 +19,12 @@ export function createNextRun(app) {
   const element = h(
     "section",
     { class: "panel next", "data-testid": "next-run", "aria-label": "Recommended next run" },
-    h("h2", { text: "Which run to drive next" }),
+    h("h2", null, "Which run to drive next", term(app, "next")),
     h("div", { class: "bar" }, effect, go),
     says,
   );
+  const box = h("div", { class: "next-picture" });
+  let picture = null;
   let may = false;
   let of = "";
 
@@ -60,8 +64,11 @@ export function createNextRun(app) {
       );
       return;
     }
-    says.replaceChildren(
+    picture?.destroy();
+    picture = null;
+    const parts = [
       h("p", { text: found.says }),
+      box,
       found.runs?.length
         ? h(
             "table",
@@ -102,8 +109,28 @@ export function createNextRun(app) {
             text: `${found.quantity === "size" ? "How far it would stand out of its noise" : "Separation"}; ${short(found.needed, 2)} is needed.`,
           })
         : null,
-      (found.warnings ?? []).map((w) => h("p", { class: "sub warn", text: w })),
-    );
+      ...(found.warnings ?? []).map((w) => h("p", { class: "sub warn", text: w })),
+    ];
+    says.replaceChildren(...parts.filter(Boolean));
+    draw(found.picture);
+  }
+
+  /** What the sizes may be, now and after the best run: a region for two effects, a bar for one. */
+  function draw({ effects, now, after }) {
+    if (!after) return;
+    const alone = effects.length === 1;
+    const edge = (points, y) => ({ x: points.map((p) => p[0]), y: points.map((p) => (alone ? y : p[1])) });
+    const reach = Math.min(4, Math.max(0.5, ...after.flat().map((v) => Math.abs(v - 1)))) * 2;
+    const range = [1 - reach, 1 + reach];
+    picture = xyPlot(box, {
+      title: "What these sizes may be, 95 %", height: alone ? 120 : 240, testid: "next-picture",
+      x: { label: `${effects[0]} ÷ its size`, unit: "", range },
+      y: alone ? { label: "", unit: "", range: [0, 3] } : { label: `${effects[1]} ÷ its size`, unit: "", range },
+      items: [
+        { kind: "line", name: "now", colour: "--residual", ...edge(now, 2), dash: [5, 3], width: 2 },
+        { kind: "line", name: "after the run", colour: "--modelled", ...edge(after, 1), width: 2.4 },
+      ],
+    });
   }
 
   go.addEventListener("click", () => void ask());
@@ -115,16 +142,21 @@ export function createNextRun(app) {
       const key = JSON.stringify((diagnosis?.candidates ?? []).map((c) => [c.effect, c.answer]));
       if (key === of) return;
       of = key;
-      const list = (diagnosis?.candidates ?? [])
-        .filter((c) => c.answer === "not testable")
-        .map((c) => c.effect)
-        .sort();
+      const groups = new Map(); // manoeuvre → effects that it would show
+      for (const c of diagnosis?.candidates ?? []) {
+        if (c.answer !== "not testable") continue;
+        groups.set(c.shown_by, [...(groups.get(c.shown_by) ?? []), c.effect]);
+      }
       effect.replaceChildren(
         h("option", {
           value: "",
           text: diagnosis ? "the best and those tied with it" : "look for what is missing first",
         }),
-        ...list.map((key) => h("option", { value: key, text: key })),
+        ...[...groups.entries()]
+          .sort((a, b) => b[1].length - a[1].length)
+          .map(([shown, keys]) =>
+            h("optgroup", { label: `shown by: ${shown || "other runs"}` }, keys.sort().map((key) => h("option", { value: key, text: key }))),
+          ),
       );
       effect.disabled = !diagnosis;
     },

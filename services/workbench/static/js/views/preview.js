@@ -1,45 +1,44 @@
-/** What a candidate would do to the chosen row: the residual now and with it, before it is added. */
+/** What a candidate would do where it does most: the residual of its own row in that row's worst run, now and with it. */
 
-import { needing } from "../widgets/pending.js";
 import { debounce, h } from "../widgets/dom.js";
-import { short } from "../widgets/format.js";
 
 const HEIGHT = 150;
+const REST = 300; // before a model is fitted for a line that is only passed on the way to another [ms]
 
 /**
  * @param {Object} app
  * @param {{effects: Map<string, Object>}} about
+ * @param {{of: Function}} previews
  */
-export function createPreview(app, about) {
-  const title = h("h2", { text: "What it would do" });
+export function createPreview(app, about, previews) {
+  const title = h("h2", { text: "What Add would do" });
   const figure = h("div", { class: "preview-chart", "data-testid": "preview" });
-  const numbers = h("p", { class: "preview-numbers", role: "status" });
+  const numbers = h("p", { class: "preview-numbers", role: "status", "data-testid": "preview-says" });
   const why = h("div", { class: "preview-why" });
   const element = h(
     "section",
-    { class: "panel preview", "aria-label": "What the chosen effect would do" },
+    { class: "panel preview", "aria-label": "What adding the chosen effect would do" },
     title,
     numbers,
     figure,
     why,
   );
-  const kept = new Map();
   let chart = null;
   let candidate = null;
-  let asked = null;
+  let turn = 0;
   let library = null;
 
-  const load = debounce(() => void fetchIt(), 120);
+  const load = debounce(() => void read(), REST);
 
   function words() {
     if (!candidate) {
-      title.textContent = "What it would do";
-      numbers.textContent = "Point at an effect of the ranking to see what it would do to the chosen row.";
+      title.textContent = "What Add would do";
+      numbers.textContent = "Choose an effect of the ranking: the model is fitted with it, and its own row shown here.";
       why.replaceChildren();
       return;
     }
     const record = about.effects.get(candidate.effect);
-    title.textContent = candidate.effect;
+    title.textContent = `With ${candidate.effect}`;
     why.replaceChildren(
       h("p", { text: candidate.why }),
       record
@@ -48,42 +47,21 @@ export function createPreview(app, about) {
     );
   }
 
-  async function fetchIt() {
-    const { version, run, row } = app.state;
-    asked?.abort();
-    if (!candidate || !run || !row || !app.state.study?.diagnosis) {
-      return;
-    }
+  async function read() {
+    const mine = ++turn;
+    if (!candidate) return;
     if (candidate.answer === "not testable") {
       blank("These runs do not show it: there is nothing to draw.");
       return;
     }
-    const path = `api/preview/${version}/${encodeURIComponent(candidate.effect)}/${encodeURIComponent(run)}/${encodeURIComponent(row)}`;
-    if (kept.has(path)) {
-      await draw(kept.get(path), row, run);
-      return;
-    }
-    numbers.textContent = `Fitting ${row} in ${run} with it …`;
-    asked = new AbortController();
-    const mine = asked;
+    numbers.textContent = "Fitting the model with it …";
     try {
-      const place = { say: (text) => mine === asked && (numbers.textContent = text) };
-      const found = await needing(app, () => ask(path, mine.signal), { version }, place);
-      if (kept.size > 60) kept.delete(kept.keys().next().value);
-      kept.set(path, found);
-      if (mine === asked) await draw(found, row, run);
+      const found = await previews.of(app.state.version, candidate.effect, (text) => {
+        if (mine === turn) numbers.textContent = text;
+      });
+      if (mine === turn) await draw(found, mine);
     } catch (cause) {
-      if (cause.name !== "AbortError" && mine === asked) blank(cause.message);
-    }
-  }
-
-  /** A ranking takes minutes: pointing at a line must never start one. */
-  async function ask(path, signal) {
-    try {
-      return await app.api.binary(path, signal);
-    } catch (cause) {
-      if (cause.needs !== "diagnose") throw cause;
-      throw new Error("Look for what is missing again to see this: the server was started anew since.");
+      if (mine === turn) blank(cause.constructor?.name === "Cancelled" ? "Cancelled: choose it again to go on." : cause.message);
     }
   }
 
@@ -94,22 +72,18 @@ export function createPreview(app, about) {
     figure.replaceChildren();
   }
 
-  async function draw({ meta, arrays }, row, run) {
-    const { rms_now: now, rms_after: after, unit } = meta;
-    const part = now > 0 ? (now - after) / now : 0;
-    numbers.replaceChildren(
-      h("b", { text: row }),
-      ` in ${run}: ${short(now)} → `,
-      h("b", { text: `${short(after)} ${unit}` }),
-      ` RMS residual, `,
-      Math.abs(part) < 0.005 ? "no change" : `${Math.abs(100 * part).toFixed(0)} % ${part > 0 ? "less" : "more"}`,
-    );
+  async function draw({ meta, arrays }, mine) {
     library ??= await import("../charts/time_chart.js");
+    if (mine !== turn) return;
+    numbers.textContent = meta.says;
+    figure.dataset.row = meta.row;
+    figure.dataset.run = meta.run;
     const colours = app.palette();
     const series = [
-      { name: "now", values: arrays.now, colour: colours.residual, width: 1 },
+      { name: "residual now", values: arrays.now, colour: colours.residual, width: 1 },
       { name: "with it", values: arrays.after, colour: colours.modelled, width: 1.3 },
     ];
+    const { unit } = meta;
     if (chart) chart.update({ t: arrays.t, series, unit });
     else chart = library.timeChart(figure, { t: arrays.t, series, unit, height: HEIGHT });
   }
@@ -117,13 +91,16 @@ export function createPreview(app, about) {
   words();
   return {
     element,
-    show(c) {
+    /** @param {Object|null} c a candidate @param {boolean} fit whether the model is fitted with it */
+    show(c, fit) {
+      if (c?.effect !== candidate?.effect) blank("");
       candidate = c;
-      if (!c) blank("");
+      turn += 1;
+      load.cancel();
       words();
-      load();
+      if (c && fit) load();
+      else if (c) numbers.textContent = "Choose it in the ranking: the model is then fitted with it, and its own row shown.";
     },
-    refresh: load,
     theme() {
       chart?.destroy?.();
       chart = null;
@@ -131,8 +108,8 @@ export function createPreview(app, about) {
       load();
     },
     destroy() {
+      turn += 1;
       load.cancel();
-      asked?.abort();
       chart?.destroy?.();
     },
   };

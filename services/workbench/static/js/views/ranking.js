@@ -2,6 +2,7 @@
 
 import { h } from "../widgets/dom.js";
 import { number, percent, short } from "../widgets/format.js";
+import { term } from "../widgets/terms.js";
 
 const FEW = 10;
 const ANSWERS = {
@@ -17,7 +18,7 @@ const ANSWERS = {
 /**
  * @param {Object} app
  * @param {{effects: Map<string, Object>}} about the catalogue by effect
- * @param {{point: (candidate: Object|null) => void, add: (candidate: Object) => void}} act
+ * @param {{point: (candidate: Object|null, byHand: boolean) => void, add: (candidate: Object) => void}} act
  */
 export function createRanking(app, about, act) {
   const body = h("tbody");
@@ -41,11 +42,11 @@ export function createRanking(app, about, act) {
       "",
       "estimate with half of its 95 % interval and the sign physics expects; ties: what cannot be told apart from it on these runs",
     ],
-    ["Answer", ""],
-    ["Gain", "num", "RMS it takes away in its rows, in parts of the runs it was not fitted to"],
+    ["Answer", "", "", "answer"],
+    ["Gain", "num", "RMS it takes away in its rows, in parts of the runs it was not fitted to", "gain"],
     ["Gain %", "num", "part of its rows' weighted residual it takes away"],
-    ["p", "num", "family-wise probability of such a fall by chance"],
-    ["Blocks", "num", "coverage: number of 2 s blocks it acts in"],
+    ["p", "num", "family-wise probability of such a fall by chance", "p"],
+    ["Blocks", "num", "coverage: number of 2 s blocks it acts in", "blocks"],
     ["", ""],
   ];
   const element = h(
@@ -62,7 +63,7 @@ export function createRanking(app, about, act) {
     ),
     h(
       "div",
-      { class: "scroll rank-scroll" },
+      { class: "scroll rank-scroll", tabindex: "0", role: "region", "aria-label": "ranked effects" },
       h(
         "table",
         { class: "rank-table" },
@@ -72,7 +73,9 @@ export function createRanking(app, about, act) {
           h(
             "tr",
             null,
-            head.map(([text, kind, title]) => h("th", { scope: "col", class: kind, title, text })),
+            head.map(([text, kind, title, key]) =>
+              h("th", { scope: "col", class: kind, title: title || null }, `${text} `, key ? term(app, key) : null),
+            ),
           ),
         ),
         body,
@@ -109,7 +112,7 @@ export function createRanking(app, about, act) {
           h("td", {
             colspan: 7,
             class: "empty",
-            text: "The ranking shows here once it was looked for what is missing.",
+            text: "Every effect of the catalogue is listed here, with its answer, once you have looked for what is missing.",
           }),
         ),
       );
@@ -128,7 +131,6 @@ export function createRanking(app, about, act) {
         tabindex: "0",
         class: chosen === c.effect ? "chosen" : "",
         "aria-label": `${c.effect}: ${c.answer}. ${c.why}`,
-        onpointerenter: (e) => e.pointerType === "mouse" && point(),
         onfocus: point,
         onclick: point,
         onkeydown: (e) => {
@@ -202,10 +204,9 @@ export function createRanking(app, about, act) {
   }
 
   function choose(c) {
-    if (chosen === c.effect) return;
     chosen = c.effect;
     for (const row of body.children) row.classList.toggle("chosen", row.dataset.testid === `candidate-${c.effect}`);
-    act.point(c);
+    act.point(c, true);
   }
 
   filter.addEventListener("input", draw);
@@ -229,7 +230,7 @@ export function createRanking(app, about, act) {
         const same = again && now?.candidates?.find((c) => c.effect === chosen);
         chosen = (same || first)?.effect ?? null;
         draw();
-        act.point(same || first);
+        act.point(same || first, false);
         if (focus) body.querySelector(`[data-testid="${focus}"]`)?.focus();
       } else if (may !== ready) {
         ready = may;

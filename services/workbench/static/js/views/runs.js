@@ -124,7 +124,8 @@ export async function show(root, app) {
             colspan: 8,
             class: "empty",
             text: "No runs yet. Drop at least two logs above: one to fit the model on, one to hold out.",
-          }),
+          }, h("br"), h("button", { type: "button", "data-testid": "invite-tour", text: "Or take the tour on example runs (five minutes)",
+            onclick: () => app.tour() })),
         ),
       );
     choice();

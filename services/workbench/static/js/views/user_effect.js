@@ -1,6 +1,7 @@
 /** An effect of one's own in one line: units are checked while it is written; kept in the study when asked. */
 
 import { debounce, h } from "../widgets/dom.js";
+import { term } from "../widgets/terms.js";
 
 const WAIT = 300; // after the last key, before the line is checked [ms]
 const EXAMPLE = "bump = suspension: p * travel**2 * sign(rate)";
@@ -36,22 +37,39 @@ export function createOwnLine(app, act) {
     text: "Keep only",
     title: "Keep the line in the study; the next search tries it with the others",
   });
-  const variants = h("div", { class: "bar own-variants" });
+  const variants = h("fieldset", { class: "own-variants", "data-testid": "own-variants" });
   const element = h(
     "section",
     { class: "panel own", "aria-label": "An effect of your own" },
-    h("h2", null, "An effect of your own", h("span", { class: "muted" }, h("kbd", { text: "/" }))),
+    h("h2", null, "An effect of your own", term(app, "own"), h("span", { class: "muted" }, h("kbd", { text: "/" }))),
     line,
     says,
-    h("div", { class: "bar" }, add, keep),
     variants,
+    h("div", { class: "bar" }, add, keep),
   );
   let good = false;
   let may = false;
   let turn = 0;
+  let chosen = "";
+  const meant = new Set(); // names that are parameters, though a state's is nearly the same
 
   function buttons() {
     add.disabled = keep.disabled = !(good && may);
+    add.textContent = chosen ? `Keep and add ${chosen}` : "Keep and add";
+  }
+
+  /** Where the effect acts: a line that holds for several places makes an effect for each. */
+  function offer(made) {
+    if (!made.includes(chosen)) chosen = made[0] ?? "";
+    variants.replaceChildren(
+      ...(made.length > 1 ? [h("legend", { text: "Where it is added" })] : []),
+      ...(made.length > 1 ? made : []).map((key) =>
+        h("label", { class: "check" },
+          h("input", { type: "radio", name: "own-variant", value: key, checked: key === chosen,
+            "data-testid": `own-variant-${key}`, onchange: () => { chosen = key; buttons(); } }),
+          h("span", { class: "code", text: key })),
+      ),
+    );
   }
 
   const check = debounce(() => void checkIt(), WAIT);
@@ -67,15 +85,40 @@ export function createOwnLine(app, act) {
     try {
       const answer = await app.api.post("api/effect/check", { name: "", line: text });
       if (mine !== turn) return;
-      good = Boolean(answer.ok);
-      say(answer, text);
+      const doubt = (answer.doubts ?? []).find((one) => !meant.has(one.name));
+      good = Boolean(answer.ok) && !doubt;
+      offer(good ? answer.variants : []);
+      if (doubt) question(doubt, text);
+      else say(answer, text);
     } catch (cause) {
       if (mine === turn) say({ ok: false, error: cause.message }, text);
     }
     buttons();
   }
 
+  /** A name that is nearly a state's: never taken for a parameter without being asked about. */
+  function question({ name, state, at, until }, text) {
+    says.className = "own-says wrong";
+    says.replaceChildren(
+      h("p", null, h("b", { class: "warn", text: "? " }), `Did you mean ${state}? There is no state “${name}”.`),
+      h("div", { class: "bar" },
+        h("button", { type: "button", class: "small", "data-testid": "own-state", text: `Yes, ${state}`,
+          onclick: () => {
+            line.value = text.slice(0, at) + state + text.slice(until);
+            line.focus();
+            void checkIt();
+          } }),
+        h("button", { type: "button", class: "small", "data-testid": "own-parameter", text: `No, ${name} is a parameter`,
+          onclick: () => {
+            meant.add(name);
+            line.focus();
+            void checkIt();
+          } })),
+    );
+  }
+
   function hint() {
+    offer([]);
     says.className = "own-says";
     says.replaceChildren(
       h("span", {
@@ -124,16 +167,10 @@ export function createOwnLine(app, act) {
     may = false;
     buttons();
     try {
-      const answer = await app.api.post("api/effect", { name: "", line: line.value.trim() });
-      const made = answer.variants ?? (answer.effect ? [answer.effect] : []);
+      const answer = await app.api.post("api/effect", { name: "", line: line.value.trim(), parameters: [...meant] });
       await act.written();
-      if (andAdd && made.length === 1) {
-        may = true;
-        await act.add(made[0]);
-      } else {
-        app.toast(`Kept in the study: ${answer.effect ?? "the effect"}, ${answer.tells}.`, "good");
-        offer(made);
-      }
+      if (andAdd && chosen) await act.add(chosen);
+      else app.toast(`Kept in the study: ${answer.effect}, ${answer.tells}.`, "good");
     } catch (cause) {
       app.complain(cause);
     }
@@ -141,26 +178,9 @@ export function createOwnLine(app, act) {
     buttons();
   }
 
-  /** A line that holds for several places makes an effect for each: which one goes into the model is the engineer's choice. */
-  function offer(made) {
-    variants.replaceChildren(
-      ...(made.length ? [h("span", { class: "muted", text: "Add:" })] : []),
-      ...made.map((key) =>
-        h("button", {
-          type: "button",
-          class: "small",
-          "data-testid": `own-variant-${key}`,
-          text: key,
-          onclick: () => void act.add(key),
-        }),
-      ),
-    );
-  }
-
   line.addEventListener("input", () => {
     good = false;
     buttons();
-    variants.replaceChildren();
     check();
   });
   line.addEventListener("keydown", (event) => {
@@ -174,7 +194,6 @@ export function createOwnLine(app, act) {
     element,
     ready(now) {
       may = now;
-      for (const b of variants.querySelectorAll("button")) b.disabled = !now;
       buttons();
     },
     refresh: () => line.value.trim() && check(),

@@ -4,6 +4,7 @@ import { needing, veil } from "../widgets/pending.js";
 import { h } from "../widgets/dom.js";
 import { residualMap } from "../charts/residual_map.js";
 import { times } from "../widgets/format.js";
+import { term } from "../widgets/terms.js";
 import { surfaceMaps } from "../charts/restoring_surface.js";
 import { rowPictures } from "./where_row.js";
 import { explainableKey, explainableTable, phaseTable } from "./where_tables.js";
@@ -36,18 +37,18 @@ class WhereView {
     this.found = null;
     this.version = null;
     this.says = h("p", { class: "where-says", role: "status", "data-testid": "where-says", text: " " });
-    const panel = (name, title, note, ...children) => h("section", { class: `panel ${name}` },
-      h("h2", null, title, note ? h("span", { class: "muted", text: note }) : null), ...children);
-    const map = panel("where-map", "Residual map", "every row over time, in units of its noise floor");
+    const panel = (name, title, key, note, ...children) => h("section", { class: `panel ${name}` },
+      h("h2", null, title, term(app, key), note ? h("span", { class: "muted", text: note }) : null), ...children);
+    const map = panel("where-map", "Residual map", "map", "every row over time, in units of its noise floor");
     this.phases = h("div", { class: "scroll" });
     this.left = h("div", { class: "scroll" });
     this.row = h("select", { "aria-label": "row", "data-testid": "where-row", onchange: () => app.set({ row: this.row.value }) });
-    const own = panel("where-row", "What the error follows", "");
+    const own = panel("where-row", "What the error follows", "coherence", "");
     own.querySelector("h2").append(h("label", { class: "check row-choice" }, "Row", this.row));
     const what = this.kinds();
-    const surfaces = panel("where-surfaces", "Restoring force over travel and rate", "mean over the runs used", what);
-    const phases = panel("where-phases", "By phase of driving", "error ÷ noise floor over all runs", this.phases);
-    const left = panel("where-left", "How much is left to explain", "in blocks of 2 s that the prediction was not made from", explainableKey(), this.left);
+    const surfaces = panel("where-surfaces", "Restoring force over travel and rate", "surface", "mean over the runs used", what);
+    const phases = panel("where-phases", "By phase of driving", "phase", "error ÷ floor, each phase over all runs", this.phases);
+    const left = panel("where-left", "How much is left to explain", "left", "in blocks of 2 s that the prediction was not made from", explainableKey(), this.left);
     this.below = h("div", { class: "where-below" }, own, phases, left, surfaces);
     root.append(h("section", { class: "panel where-head" }, this.says), map, this.below);
     this.map = residualMap(map, { onPick: (place) => this.pick(place), rows: app.rows().length || 16 });
@@ -128,7 +129,8 @@ class WhereView {
     const { row } = this.app.state;
     const choose = (name) => this.app.set({ row: name });
     this.phases.replaceChildren(phaseTable(this.found, row, choose));
-    this.left.replaceChildren(Object.keys(this.found.left).length ? explainableTable(this.found, row, choose, this.app.state.study.fails_above)
+    this.left.replaceChildren(Object.keys(this.found.left).length ? explainableTable(this.found, row, choose,
+        { least: this.app.state.study.fails_above, errors: this.app.rows() })
       : h("p", { class: "muted", text: "The runs are too short to say how much is left to explain." }));
   }
 

@@ -85,13 +85,14 @@ export function rowPictures(root, app) {
           { kind: "line", name: "noise floor", colour: "--floor", x: f, y: one.floor, dash: [5, 3] },
         ],
       });
-      const peaks = Object.entries(one.coherence).map(([name, c]) => [name, c, Math.max(...c)]).sort((a, b) => b[2] - a[2]);
       share.update({
         title: "Coherence with states, squared", x, y: { label: "coherence²", unit: "", range: [0, 1] },
-        hint: `above ${one.level.toFixed(2)} it is no chance (5 %, any state, any frequency)`,
+        hint: `those first that explain most of the residual's power; above ${one.level.toFixed(2)} it is no chance (5 %)`,
         items: [
           { kind: "level", name: "chance, 5 %", value: one.level, colour: "--chart-ink", dash: [5, 3] },
-          ...peaks.slice(0, CURVES).map(([name, c], k) => ({ kind: "line", name, colour: COLOURS[k], x: f, y: c, width: 1.8 })),
+          // the server has them in the order of the residual's power that they explain
+          ...Object.entries(one.coherence).slice(0, CURVES).map(([name, c], k) => ({ kind: "line",
+            name: `${name} ${percent(one.explained[name])}`, colour: COLOURS[k], x: f, y: c, width: 1.8 })),
         ],
       });
       const more = Object.keys(one.coherence).filter((name) => !states.includes(name));

@@ -25,7 +25,7 @@ export function phaseTable(found, chosen, onRow) {
   };
   const seconds = (own) => Math.max(...Object.values(own).map((x) => x.seconds));
   return h("table", { class: "phase-table" },
-    h("thead", null, h("tr", null, h("th", { scope: "col", text: "row" }), h("th", { scope: "col", class: "num", text: "all, used" }),
+    h("thead", null, h("tr", null, h("th", { scope: "col", text: "row" }), h("th", { scope: "col", class: "num", text: "all runs used" }),
       phases.map(([phase, own]) => h("th", { scope: "col", class: "num" }, phase, h("br"), h("span", { class: "muted", text: `${seconds(own).toFixed(1)} s` }))))),
     h("tbody", null, rows.map((row) => h("tr", { "aria-selected": String(row === chosen) },
       h("th", { scope: "row" }, h("button", { type: "button", class: "link", text: row, onclick: () => onRow(row) })),
@@ -37,25 +37,27 @@ export function phaseTable(found, chosen, onRow) {
  * @param {object} found where_result
  * @param {string} chosen row
  * @param {(row: string) => void} onRow
- * @param {number} least error ÷ floor that the bars reach at least
+ * @param {{least: number, errors: Array<object>}} about error ÷ floor that the bars reach at least; errors of the rows
  * @returns {HTMLElement}
  */
-export function explainableTable(found, chosen, onRow, least) {
-  const rows = Object.values(found.left).sort((a, b) => b.rms / b.floor - a.rms / a.floor);
-  const longest = Math.max(...rows.map((x) => x.rms / x.floor), least);
+export function explainableTable(found, chosen, onRow, { least, errors }) {
+  const of = new Map(errors.map((e) => [e.row, e]));
+  const rows = Object.values(found.left).filter((x) => of.has(x.row))
+    .map((x) => ({ ...x, error: of.get(x.row) })).sort((a, b) => b.error.ratio - a.error.ratio);
+  const longest = Math.max(...rows.map((x) => x.error.ratio), least);
   return h("table", { class: "left-table" },
-    h("thead", null, h("tr", null, ["row", "residual", "floor", "residual ÷ floor: what it is made of", "in words"].map((text, k) =>
+    h("thead", null, h("tr", null, ["row", "residual", "floor", "error ÷ floor: what it is made of", "in words"].map((text, k) =>
       h("th", { scope: "col", class: k === 1 || k === 2 ? "num" : "", text })))),
     h("tbody", null, rows.map((x) => h("tr", { "aria-selected": String(x.row === chosen) },
       h("th", { scope: "row" }, h("button", { type: "button", class: "link", text: x.row, onclick: () => onRow(x.row) })),
-      h("td", { class: "num", text: `${short(x.rms)} ${x.unit}` }),
-      h("td", { class: "num", text: `${short(x.floor)} ${x.unit}` }),
+      h("td", { class: "num", text: `${short(x.error.rms)} ${x.unit}` }),
+      h("td", { class: "num", text: `${short(x.error.floor)} ${x.unit}` }),
       h("td", { class: "made-of" }, parts(x, longest)),
       h("td", { class: "why", text: x.says })))));
 }
 
 function parts(x, longest) {
-  const ratio = x.rms / x.floor;
+  const { ratio } = x.error;
   const present = x.something ? Math.max(0, x.part) : 0;
   const history = x.depends_on_history ? Math.max(0, x.history) : 0;
   const shares = [[present, "follows", "follows the states"], [history, "history", "follows their history"],

@@ -35,7 +35,7 @@ export function createCar(root, app) {
     said.textContent =
       text ||
       (study?.exists
-        ? `Error ÷ noise floor, worst run. ! is above ${study.fails_above}.`
+        ? `Error ÷ floor over all runs used. ! fails in a run: above ${study.fails_above}.`
         : "Sensors and rows show once there are runs.");
   }
 
@@ -68,7 +68,7 @@ export function createCar(root, app) {
     const found = rows.get(row);
     const chosen = app.state.row === row;
     const lv = found?.level ?? -1;
-    const text = `${about}: ${found ? `${times(found.ratio)} times its noise floor${found.fails ? ", fails" : ""}` : "no error known"}`;
+    const text = `${about}: ${found ? `${times(found.ratio)} times its noise floor over all runs used, ${times(found.worst)} in its worst run ${found.worst_run}${found.fails ? ", fails" : ""}` : "no error known"}`;
     const choose = () => app.set({ row });
     const number = found ? times(found.ratio) : "–";
     const fails = found?.fails ? " !" : "";

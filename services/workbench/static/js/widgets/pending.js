@@ -4,6 +4,7 @@ import { h } from "./dom.js";
 
 const WORDS = {
   compare: "Comparing model and measurement", where: "Looking where the model fails", diagnose: "Ranking what could be missing",
+  preview: "Fitting the model with it",
 };
 const going = new Map();
 
@@ -20,7 +21,7 @@ export async function needing(app, ask, args, place) {
   try {
     return await ask();
   } catch (cause) {
-    if (cause.status !== 409 || !cause.needs) throw cause;
+    if (!cause.needs) throw cause;
     await job(app, cause.needs, args, place);
     return ask();
   }

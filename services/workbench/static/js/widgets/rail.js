@@ -3,7 +3,8 @@
 import { createCar } from "./car.js";
 import { h } from "./dom.js";
 import { times } from "./format.js";
-import { rowsOf, runsOf } from "../net/state.js";
+import { term } from "./terms.js";
+import { runsOf } from "../net/state.js";
 
 /**
  * Fill the side and keep it up to date.
@@ -17,19 +18,21 @@ export function createRail(root, button, app) {
   const list = h("ul", {
     class: "row-list",
     role: "listbox",
-    "aria-label": "rows and their error ÷ noise floor, in this run and in the worst",
+    "aria-label": "rows with their error ÷ floor over all runs used, and in their worst run",
     tabindex: "0",
     "data-own-arrows": "",
   });
+  const error = h("span", null, "error ÷ floor ", term(app, "error"));
+  const worst = h("span", null, "worst run ", term(app, "worst"));
   root.append(
     picture,
     h("label", { class: "rail-run" }, h("span", { text: "Run" }), runSelect),
     h(
       "div",
       { class: "rail-head" },
-      h("span", { text: "Row" }),
-      h("span", { text: "error ÷ floor: this run" }),
-      h("span", { text: "worst" }),
+      h("span", null, "Row ", term(app, "row")),
+      error,
+      worst,
     ),
     list,
   );
@@ -71,7 +74,8 @@ export function createRail(root, button, app) {
     }
     runSelect.disabled = !runs.length;
     if (run) runSelect.value = run;
-    const here = new Map(rowsOf(study, app.state.version, run).map((r) => [r.row, r]));
+    error.title = study?.meanings?.error ?? "";
+    worst.title = study?.meanings?.worst ?? "";
     list.replaceChildren(
       ...app.rows().map((r) =>
         h(
@@ -82,13 +86,13 @@ export function createRail(root, button, app) {
             "aria-selected": String(r.row === row),
             class: r.fails ? "fails" : "",
             data: { row: r.row },
-            title: `${r.row}: ${times(r.ratio)} times its noise floor, at most, in ${r.run}`,
+            title: `${r.row}: ${times(r.ratio)} times its noise floor over all runs used; ${times(r.worst)} in its worst run, ${r.worst_run}`,
             onclick: () => app.set({ row: r.row }),
           },
           h("span", { class: "mark", "aria-hidden": "true", text: r.fails ? "!" : "" }),
           h("span", { class: "name", text: r.row }),
-          h("span", { class: `num${here.get(r.row)?.fails ? " ill" : ""}`, text: times(here.get(r.row)?.ratio) }),
-          h("span", { class: `num${r.fails ? " ill" : ""}`, text: times(r.ratio) }),
+          h("span", { class: `num${r.level ? " ill" : ""}`, text: times(r.ratio) }),
+          h("span", { class: `num${r.fails ? " ill" : ""}`, text: times(r.worst) }),
         ),
       ),
     );

@@ -7,6 +7,7 @@ const DOING = {
   compare: "Comparing model and measurement",
   where: "Looking where it fails",
   diagnose: "Looking for what is missing",
+  preview: "Fitting with",
   add: "Adding an effect",
   remove: "Taking an effect out",
   undo: "Going back",
@@ -14,6 +15,7 @@ const DOING = {
   next: "Looking for the next run",
   report: "Writing the report",
   decode: "Decoding a capture",
+  examples: "Bringing in the example runs",
 };
 
 /**

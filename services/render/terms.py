@@ -1,0 +1,141 @@
+"""Terms of the page, each in a sentence, with the page of the documentation that says more."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Term(NamedTuple):
+    """A term as shown, what it means in a sentence, and its page in ``docs``."""
+
+    name: str
+    says: str
+    page: str
+
+
+TERMS: dict[str, Term] = {
+    "row": Term(
+        "row",
+        "One scalar equation of motion: a wheel's suspension, tyre or spin, or a force or moment on the chassis. "
+        "What the model predicts in it is compared with what was measured.",
+        "rows.md",
+    ),
+    "floor": Term(
+        "noise floor",
+        "RMS that the sensors' noise alone would leave in a row after the same fit; it is simulated from the rig file.",
+        "glossary.md",
+    ),
+    "error": Term(
+        "error ÷ floor",
+        "RMS of measured − modelled over the samples of all runs used, divided by the RMS of the noise floor over"
+        " the same samples. 1 is the floor; a row fails above 1.2.",
+        "glossary.md",
+    ),
+    "worst": Term(
+        "worst run",
+        "The largest error ÷ floor that a row has in any single run, used or held out.",
+        "rows.md",
+    ),
+    "held": Term(
+        "held out",
+        "A run that the fit has never seen. An error that falls there too is a real one.",
+        "glossary.md",
+    ),
+    "vaf": Term(
+        "variance explained",
+        "100 % less the residual's part of the measured variance. It says nothing of a row that is hardly more "
+        "than noise, where a dash stands.",
+        "glossary.md",
+    ),
+    "effect": Term(
+        "effect",
+        "One term of the model: a physical law or a fault of a sensor, linear in its parameters, at one place of "
+        "the car.",
+        "catalogue.md",
+    ),
+    "interval": Term(
+        "95 % interval",
+        "The true value lies in it 95 times in 100. With the sheet it also holds the tolerances of the sensors' "
+        "gains and latencies.",
+        "intervals.md",
+    ),
+    "gain": Term(
+        "gain",
+        "What adding the effect takes off its rows' residual, in parts of the runs it was not fitted to.",
+        "ranking.md",
+    ),
+    "p": Term(
+        "p",
+        "Probability that runs which lack nothing show as large a fall by chance in any candidate; from simulated"
+        " runs.",
+        "ranking.md",
+    ),
+    "blocks": Term(
+        "blocks",
+        "Number of stretches of two seconds in which the effect acts. Fewer than three are too few to test it.",
+        "ranking.md",
+    ),
+    "answer": Term(
+        "answer",
+        "Whether the model lacks the effect: missing, undecided, a stand-in for another, too small, not needed, "
+        "or not testable on these runs.",
+        "ranking.md",
+    ),
+    "lead": Term(
+        "weighted squares ahead",
+        "By how much the effect explains the residual better than its best rival, in squares of the noise floor. "
+        "From 25 on the wrong one is picked once in 160 times.",
+        "separation.md",
+    ),
+    "signature": Term(
+        "signature",
+        "The form in which an effect shows in the residual of a model that lacks it, over the state it follows.",
+        "catalogue.md",
+    ),
+    "map": Term(
+        "residual map",
+        "Error ÷ floor of every row in half a second each, over the runs.",
+        "where.md",
+    ),
+    "phase": Term(
+        "phase of driving",
+        "A stretch of a run by what the car does: standing, braking, cornering, rough road.",
+        "where.md",
+    ),
+    "coherence": Term(
+        "coherence",
+        "Part of the residual's power, line by line, that is linear in a state, however delayed.",
+        "where.md",
+    ),
+    "left": Term(
+        "left to explain",
+        "Part of a residual that smooth functions of the measured states predict, in stretches that the "
+        "prediction was not made from.",
+        "where.md",
+    ),
+    "surface": Term(
+        "restoring force",
+        "Mean force, or mean error, of a suspension over its travel and travel rate: the form of a missing law "
+        "shows in it.",
+        "where.md",
+    ),
+    "own": Term(
+        "effect of your own",
+        "A law in one line, a free name for each parameter. It is read and its units are checked; it is never run"
+        " as a program.",
+        "effects.md",
+    ),
+    "next": Term(
+        "next run",
+        "The manoeuvre, of a library that is simulated, after which tied effects come apart or an effect that "
+        "these runs cannot test would show.",
+        "separation.md",
+    ),
+    "version": Term(
+        "version",
+        "One model of the study with its fit and errors. It never changes; adding or removing an effect makes a "
+        "new one.",
+        "workbench.md",
+    ),
+}
+"""Every term by its key."""
