@@ -93,6 +93,20 @@ async () => {
   return ["en-US@posix", "C", "de-DE"].map(validLanguage);
 }
 """
+_NOTES = """
+async (notes) => {
+  const { createWaterfall } = await import("/js/charts/waterfall.js");
+  const { element, update } = createWaterfall(() => {});
+  element.style.width = "520px";
+  document.body.append(element);
+  const errors = (k) => ({ used_error: 9 / (k + 1), held_error: 2 });
+  update(notes.map((note, k) => ({ version: k + 1, parent: k, note, ...errors(k) })), 12, false);
+  const foot = element.getBoundingClientRect().bottom;
+  const shown = [...element.querySelectorAll(".note")];
+  const cut = shown.filter((e) => e.getBoundingClientRect().bottom > foot + 1).length;
+  return { texts: shown.map((e) => e.textContent), cut };
+}
+"""
 
 
 @pytest.fixture(scope="module")
@@ -145,3 +159,13 @@ def test_a_language_that_is_no_tag_gives_way(opened: Opened) -> None:
     watch = opened()
     watch.go("live")
     assert watch.page.evaluate(_LANGUAGE) == ["en-GB", "en-GB", "de-DE"]
+
+
+def test_twelve_versions_are_told_apart(opened: Opened) -> None:
+    watch = opened()
+    watch.go("live")
+    laws = ("damper_stroke_symmetric", "damper_knee_rebound", "anti_roll_bar")
+    places = ("front", "rear", "fl", "rr")
+    found = watch.page.evaluate(_NOTES, [f"added {law}.{place}" for law in laws for place in places])
+    assert len(set(found["texts"])) == 12, found["texts"]
+    assert found["cut"] == 0

@@ -8,8 +8,10 @@ const HEIGHT = 226;
 const LEFT = 48;
 const TOP = 22;
 const FOOT = 58;
-/** Columns narrower than this have upright values and no note: the table beside has both. */
+/** Columns narrower than this have upright values, and their note upright below, shortened in its middle. */
 const NARROW = 76;
+const DEEP = 130; // foot of such columns
+const LETTERS = 15; // of such a note
 const TICKS = [1, 2, 3, 5, 10, 20, 50, 100, 200, 500, 1000];
 
 /**
@@ -29,8 +31,8 @@ export function createWaterfall(choose) {
     const errors = versions.flatMap((v) => [v.used_error, v.held_error]).filter((e) => Number.isFinite(e) && e > 0);
     const top = Math.max(2, ...errors) * 1.12;
     const low = Math.min(0.9, ...errors) * 0.97;
-    const base = HEIGHT - FOOT;
     const step = Math.min(120, (WIDTH - LEFT - 8) / Math.max(1, versions.length));
+    const base = HEIGHT - (step < NARROW ? DEEP : FOOT);
     const head = step < NARROW ? TOP + 18 : TOP;
     // the floor is the foot of the bars and the scale is logarithmic: twice as high is the square, and 1 is nothing to see
     const y = (ratio) => base - ((Math.log(ratio) - Math.log(low)) / (Math.log(top) - Math.log(low))) * (base - head);
@@ -115,9 +117,11 @@ export function createWaterfall(choose) {
         "text-anchor": "middle",
         text: present && !narrow ? `${v.version} present` : String(v.version),
       }),
-      ...lines(narrow ? "" : v.note, Math.floor(step / 6.8)).map((text, k) =>
-        s("text", { class: "note", x: mid, y: base + 31 + 14 * k, "text-anchor": "middle", text }),
-      ),
+      ...(narrow
+        ? [s("text", { class: "note", transform: `translate(${mid - 3} ${base + 22}) rotate(90)`, text: shortened(v.note) })]
+        : lines(v.note, Math.floor(step / 6.8)).map((text, k) =>
+            s("text", { class: "note", x: mid, y: base + 31 + 14 * k, "text-anchor": "middle", text }),
+          )),
     );
     return group;
   }
@@ -125,11 +129,23 @@ export function createWaterfall(choose) {
   return { element, update };
 }
 
-/** What was done, in two lines of so many letters: `+ anti_roll_bar`, `.front`. */
-function lines(note, fits) {
-  const text = String(note ?? "")
+/** A note without its verb, its beginning and its end: effects of one family differ in their place, at the end. */
+function shortened(note) {
+  const text = sign(note);
+  if (text.length <= LETTERS) return text;
+  const half = Math.floor((LETTERS - 1) / 2);
+  return `${text.slice(0, half)}…${text.slice(-half)}`;
+}
+
+function sign(note) {
+  return String(note ?? "")
     .replace(/^added /, "+ ")
     .replace(/^removed /, "− ");
+}
+
+/** What was done, in two lines of so many letters: `+ anti_roll_bar`, `.front`. */
+function lines(note, fits) {
+  const text = sign(note);
   const cut = (part) => (part.length > fits ? `${part.slice(0, Math.max(1, fits - 1))}…` : part);
   if (text.length <= fits) return [text];
   const dot = text.indexOf(".");
