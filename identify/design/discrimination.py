@@ -19,7 +19,6 @@ from itertools import combinations
 
 import numpy as np
 import scipy
-from scipy.stats import chi2
 
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect, SensorFault, with_places
@@ -352,7 +351,7 @@ def region(information: Array, points: int = 72) -> Array:
     """
     n = len(information)
     values, vectors = np.linalg.eigh(information)
-    half = np.sqrt(float(chi2.ppf(0.95, n)) / np.maximum(values, 1e-12))
+    half = np.sqrt(float(scipy.special.chdtri(n, 0.05)) / np.maximum(values, 1e-12))
     half = np.minimum(half, WIDE)
     if n == 1:
         return np.array([[1.0 - half[0]], [1.0 + half[0]]])

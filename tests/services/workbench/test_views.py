@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from fastapi.testclient import TestClient
 
 from lacet.daq.formats.open_run import open_run
 from lacet.identify.car.rows import Row
@@ -17,9 +20,11 @@ from lacet.services.render.rows import with_verdict
 from lacet.services.workbench import run_channels
 from lacet.services.workbench.packed_arrays import packed, unpacked
 from lacet.services.workbench.residual_views import where_payload
+from lacet.services.workbench.server import Settings, create_app
 from lacet.services.workbench.session_cache import SessionCache
 from lacet.services.workspace.kept import kept_values
 from tests.services.workbench.bench_page import Page
+from tests.services.workbench.conftest import DRAWS
 
 
 def arrays(page: Page, path: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -166,16 +171,24 @@ def test_the_signature_lies_on_the_residual_of_a_car_that_has_the_effect(shared:
     assert np.corrcoef(found["law_at"], found["law"])[0, 1] > 0.99, "a bar is a line over the difference of travel"
 
 
-def test_a_preview_is_the_fit_that_adding_makes(page: Page, monkeypatch: pytest.MonkeyPatch):
-    page.run("diagnose")
-    page.run("preview", effect="anti_roll_bar.rear")
-    head, found = arrays(page, "preview/1/anti_roll_bar.rear")
+@pytest.fixture
+def ranked(shared: Page, tmp_path: Path) -> Iterator[Page]:
+    """A server on a copy of the study that is ranked, which may be changed."""
+    folder = Path(shutil.copytree(shared.folder, tmp_path / "car"))
+    with TestClient(create_app(Settings(folder, draws=DRAWS)), base_url="http://127.0.0.1:8765") as client:
+        yield Page(client)
+
+
+def test_a_preview_is_the_fit_that_adding_makes(ranked: Page, monkeypatch: pytest.MonkeyPatch):
+    page = ranked
+    page.run("preview", effect="anti_roll_bar.front")
+    head, found = arrays(page, "preview/1/anti_roll_bar.front")
     monkeypatch.setattr(kept_values, "fit", lambda *_, **__: pytest.fail("the preview's fit serves"))
-    added = page.run("add", effect="anti_roll_bar.rear")
+    added = page.run("add", effect="anti_roll_bar.front")
     _, series = arrays(page, f"series/2/{head['run']}/{head['row']}")
     assert found["after"] == pytest.approx(series["measured"] - series["modelled"], abs=1e-3)
     assert added["row"]["row"] in page.get("study")["row_labels"]
-    assert added["says"].startswith(f"Added anti_roll_bar.rear: {added['row']['row']} ")
+    assert added["says"].startswith(f"Added anti_roll_bar.front: {added['row']['row']} ")
     assert added["helps"]
 
 
