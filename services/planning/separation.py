@@ -186,11 +186,10 @@ def _recommended(
     kinds_of_runs = len({plan.manoeuvre.name for plan in plans})
     runs: list[Recommended] = []
     problems: list[str] = []
-    tried = 0
+    tried, shows_nothing = 0, False
     for number, plan in enumerate(plans, 1):
-        if number > 1 and time.monotonic() > until:
-            break
-        if tried == kinds_of_runs and not any(run.after > _NOTHING for run in runs):
+        shows_nothing = tried == kinds_of_runs and not any(run.after > _NOTHING for run in runs)
+        if shows_nothing or (tried and time.monotonic() > until):
             break
         progress(ServiceStep(ServiceStage.SIMULATING_RUN, number, len(plans), plan.label))
         planned, failed = simulate(plan)
@@ -208,7 +207,7 @@ def _recommended(
     now, each = _value(before), _sizes(before)
     says = recommendation(keys_of(question), now, runs[0] if runs else None, not names, why)
     if tried < len(plans):
-        says = f"{says} {tried_words(tried, len(plans), not any(run.after > _NOTHING for run in runs))}"
+        says = f"{says} {tried_words(tried, len(plans), shows_nothing)}"
     return Recommendation(
         question.compared, tuple(found), now, each, tuple(runs), says, tuple(problems), tried, len(plans),
         tuple(pictured), before.information(pictured),

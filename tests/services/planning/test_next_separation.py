@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,8 +14,8 @@ from lacet.daq.errors import UsageError
 from lacet.identify.design.discrimination import NEEDED, SHOWS, wrong_pick
 from lacet.identify.selection.score_tests import Answer, Candidate
 from lacet.services.commands.__main__ import main
-from lacet.services.planning.manoeuvre_library import KMH, Limits
-from lacet.services.planning.separation import ORDINARY, next_result, recommend, tied, untestable
+from lacet.services.planning.manoeuvre_library import KMH, Limits, Plan
+from lacet.services.planning.separation import ORDINARY, next_result, next_run, recommend, tied, untestable
 from lacet.services.render.separation_report import hint, next_text
 from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
@@ -136,3 +137,30 @@ def test_a_plan_of_a_study_is_kept_for_what_was_asked(study: Path, monkeypatch: 
     for more in ([], [], ["--max-speed", "60"], ["--goal", "5"], ["--only", "liftoff"], []):
         assert main(["plan", str(study), *more]) == 0
     assert shown == ["plan 1", "plan 1", "plan 2", "plan 3", "plan 4", "plan 1"]
+
+
+@pytest.mark.parametrize(("within", "number"), [(None, 3), (0.0, 1)])
+def test_the_library_is_not_gone_through_where_nothing_shows_or_time_is_over(
+    study: Path, monkeypatch: pytest.MonkeyPatch, within: float | None, number: int
+):
+    """One of each kind is tried, the strongest first, and what is not complete is not kept."""
+    tried: list[str] = []
+
+    def shows_nothing(plans: Sequence[Plan], *_: Any) -> tuple[list[Any], list[str]]:
+        tried.append(plans[0].manoeuvre.name)
+        return [], []
+
+    place = "lacet.services.planning.separation"
+    monkeypatch.setattr(f"{place}.simulated_runs", shows_nothing)
+    monkeypatch.setattr(f"{place}.kinds", lambda only, without: ["liftoff", "braking", "kerb"])
+    session = Session(Study.open(study))
+    nothing: Any = SimpleNamespace(best=None, candidates=(), noise_ratio={})
+    found = recommend(session, nothing, ["tyre_damping.front"], within=within)
+    assert found is not None
+    assert len(set(tried)) == len(tried) == number
+    assert (found.tried, found.complete) == (number, False)
+    assert found.of > 3
+    assert ("were not tried" if within is None else f"1 of {found.of} manoeuvres") in found.says
+    next_run(session, nothing, ["tyre_damping.front"], within=within)
+    next_run(session, nothing, ["tyre_damping.front"], within=within)
+    assert len(tried) == 3 * number, "it was kept"
