@@ -6,22 +6,26 @@ import json
 import threading
 import time
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import zenoh
+from numpy.typing import NDArray
 
 from lacet.daq.bus.credentials import Credentials
 from lacet.daq.bus.listener import BusListener, Message
 from lacet.daq.bus.marks import set_mark
 from lacet.daq.bus.session import open_session
 from lacet.daq.channels import CHANNELS
-from lacet.daq.errors import LacetError, UsageError
+from lacet.daq.errors import LacetError, UsageError, nearest
 from lacet.daq.formats.result import plain
 from lacet.daq.formats.wire import StartRecord, WireError, block_from_bytes, start_from_bytes
 from lacet.daq.rig import Rig
 from lacet.services.workbench.events import Events
+from lacet.services.workbench.live_curves import LiveCurve
+from lacet.services.workbench.packed_arrays import packed
 
 PERIOD = 1.0
 """Period of the events to the pages [s]."""
@@ -43,6 +47,7 @@ class _Heard:
     next: int = 0
     missed: int = 0
     at: float = 0.0
+    curve: LiveCurve = field(default_factory=LiveCurve)
 
 
 class Live:
@@ -80,9 +85,30 @@ class Live:
                     "run": self._run or None, "rig": self._car or None, "recording": recording, **self._about,
                     "channels": [self._channel(name, heard, now) for name, heard in sorted(self._heard.items())],
                     "losses": self._ledger.get("losses", {}), "down": self._ledger.get("down", []),
-                    "seconds": self._ledger.get("seconds"),
+                    "seconds": self._ledger.get("seconds"), "sensors": _sensors(self._ledger.get("sensors")),
                 }
             )  # fmt: skip
+
+    def curves(self, names: Sequence[str]) -> bytes:
+        """The last seconds of some channels as a binary answer; what has not been heard is empty."""
+        arrays: dict[str, NDArray[np.float64]] = {}
+        channels: dict[str, Any] = {}
+        with self._lock:
+            start = int(self._about.get("started_ns") or 0)
+            for name in names:
+                about = CHANNELS.get(name)
+                if about is None:
+                    raise UsageError(f"there is no channel '{name}'{nearest(name, CHANNELS)}")
+                heard = self._heard.get(name)
+                parts = about.components or ("value",)
+                t, series = (heard.curve if heard else LiveCurve()).series(start, parts)
+                arrays |= {f"{name} t": t} | {f"{name}.{part}": one for part, one in zip(parts, series, strict=True)}
+                channels[name] = {
+                    "unit": about.unit,
+                    "t": f"{name} t",
+                    "parts": {part: f"{name}.{part}" for part in parts},
+                }
+            return packed(arrays, run=self._run, channels=channels)
 
     def mark(self, text: str) -> dict[str, Any]:
         """Set a marker, now, in the recording shown; its run, text and time. Raises UsageError when none has it."""
@@ -181,12 +207,24 @@ class Live:
         heard.next = max(heard.next, message.sequence + 1)
         flagged = int(np.count_nonzero(block.flags))
         heard.samples += len(block)
+        heard.curve.take(block)
         heard.flagged += flagged
         heard.at = time.monotonic()
         end = int(block.t_ns[-1]) if len(block) else 0
         heard.blocks.append((end, len(block), flagged))
         while heard.blocks and end - heard.blocks[0][0] > WINDOW * 1e9:
             heard.blocks.popleft()
+
+
+def _sensors(found: Any) -> list[dict[str, str]]:
+    """Name, state and detail of each sensor, as the recorder says; what is not in that form is left out."""
+    if not isinstance(found, dict):
+        return []
+    return [
+        {"name": str(name)[:80], "state": str(one.get("state", ""))[:20], "detail": str(one.get("detail", ""))[:200]}
+        for name, one in found.items()
+        if isinstance(one, dict)
+    ]
 
 
 def _promised(start: StartRecord) -> list[str]:

@@ -243,6 +243,12 @@ def live(request: Request) -> Any:
     return bench(request).live.payload()
 
 
+@api.get("/live/curves")
+def live_curves(request: Request, names: str) -> Response:
+    """The last seconds of channels, names separated by commas."""
+    return _bytes(bench(request).live.curves(names.split(",")[:40]))
+
+
 @api.post("/live/mark")
 def mark(request: Request, body: _JSON) -> Any:
     """Set a marker in the recording."""

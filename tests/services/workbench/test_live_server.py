@@ -12,10 +12,11 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import httpx
+import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
-from lacet.daq.blocks import Block
+from lacet.daq.blocks import Block, Flag
 from lacet.daq.bus.listener import Message
 from lacet.daq.bus.publisher import RunPublisher
 from lacet.daq.bus.session import Keys, open_session
@@ -26,6 +27,8 @@ from lacet.identify.validation.noise_floor import LEAST_DRAWS
 from lacet.services.commands.__main__ import main
 from lacet.services.workbench.events import WAITING, Events
 from lacet.services.workbench.live import Live
+from lacet.services.workbench.live_curves import SPAN, LiveCurve
+from lacet.services.workbench.packed_arrays import unpacked
 from lacet.services.workbench.server import Settings, address, create_app, is_loopback
 from tests.support.processes import Command, commands
 from tests.support.rig import T0, free_port, rig_text, samples
@@ -92,12 +95,24 @@ def test_the_live_car(tmp_path: Path):
                 publisher.put_block("imu.accel", block_to_bytes(block, i, "sensor"), 10)
                 time.sleep(0.005)
             until(lambda: sum(c["samples"] for c in client.get("/api/live").json()["channels"]) == 400)
-            publisher.put_ledger({"losses": {"can0": {"bus": 2}}, "down": ["udp0"], "seconds": 4.0})
+            sensors = {"imu": {"state": "running", "channels": ["imu.accel"]}, "laser": {"state": "stuck"}, "x": 7}
+            publisher.put_ledger({"losses": {"can0": {"bus": 2}}, "down": ["udp0"], "seconds": 4.0, "sensors": sensors})
             until(lambda: client.get("/api/live").json()["losses"] == {"can0": {"bus": 2}})
             found = client.get("/api/live").json()
             assert found["down"] == ["udp0"]
             assert (found["run"], found["rig"], found["recording"]) == ("run-1", "my_rig", True)
             assert found["manoeuvre"] == "sinus"
+            assert [(one["name"], one["state"]) for one in found["sensors"]] == [("imu", "running"), ("laser", "stuck")]
+            head, curves = unpacked(client.get("/api/live/curves?names=imu.accel,wheel.fl.force").content)
+            assert head["channels"]["imu.accel"]["unit"] == "m/s²"
+            assert not curves["wheel.fl.force t"].size
+            for k, part in enumerate("xyz"):
+                drawn = curves[f"imu.accel.{part}"]
+                assert np.nanmin(drawn) == pytest.approx(whole.values[:, k].min(), rel=1e-5)
+                assert np.nanmax(drawn) == pytest.approx(whole.values[:, k].max(), rel=1e-5)
+            assert np.all(np.diff(curves["imu.accel t"]) > 0.0)
+            assert np.ptp(curves["imu.accel t"]) == pytest.approx(4.0, abs=0.11)
+            assert client.get("/api/live/curves?names=imu.accl").status_code == 400
             channel = next(c for c in found["channels"] if c["samples"])
             silent = next(c for c in found["channels"] if c["name"] == "wheel.fl.force")  # promised by the rig
             assert (silent["age"], silent["rate"], silent["samples"]) == (None, None, 0)
@@ -114,6 +129,26 @@ def test_the_live_car(tmp_path: Path):
         publisher.close()
         router.close()
         spool.close()
+
+
+def test_a_live_curve_has_its_peaks_its_holes_and_an_end():
+    """Extremes of each bin over blocks; flagged samples are holes, late ones are not drawn, only the last 30 s stay."""
+    curve = LiveCurve()
+    whole = samples(CHANNELS["correvit.speed"], 60.0, 100.0)
+    values = np.zeros_like(whole.values)
+    values[4321] = 99.0
+    flags = whole.flags.copy()
+    flags[5000:5050] = int(Flag.STATUS)
+    for k in range(0, 6000, 7):
+        part = slice(k, k + 7)
+        curve.take(Block("correvit.speed", whole.t_ns[part], values[part], flags[part]))
+    curve.take(Block("correvit.speed", whole.t_ns[:7], values[:7] + 500.0, whole.flags[:7]))
+    t, parts = curve.series(int(whole.t_ns[0]), CHANNELS["correvit.speed"].components or ("value",))
+    assert np.ptp(t) == pytest.approx(SPAN, abs=0.1)
+    assert np.nanmax(parts[0]) == 99.0
+    assert t[int(np.nanargmax(parts[0]))] == pytest.approx(43.21, abs=0.06)
+    assert 8 <= np.isnan(parts[0]).sum() / 2 <= 10
+    assert t[np.isnan(parts[0])].min() == pytest.approx(50.0, abs=0.1)
 
 
 def test_without_a_recorder_it_says_so(tmp_path: Path):

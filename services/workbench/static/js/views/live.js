@@ -2,8 +2,12 @@
 
 import { h } from "../widgets/dom.js";
 import { short } from "../widgets/format.js";
+import { timeChart } from "../charts/time_chart.js";
 
 const LATE = 1.0; // a channel that has not been heard for so long is late [s]
+const SYNC = "live";
+const FIRST = 2; // channels shown as curves until others are chosen
+const kept = { chosen: null };
 const SLOW = 0.9; // part of its expected rate below which a channel is slow
 
 /**
@@ -36,6 +40,11 @@ export async function show(root, app) {
     }
   });
   const wanted = h("input", { type: "checkbox", id: "live-ill" });
+  const sensors = h("ul", { class: "sensor-states", hidden: true, "data-testid": "live-sensors" });
+  const curves = h("section", { class: "panel live-curves", hidden: true, "data-testid": "live-curves" });
+  const charts = new Map();
+  let asking = false;
+  let closed = false;
   root.append(
     h(
       "header",
@@ -46,7 +55,8 @@ export async function show(root, app) {
         text: "What the car sends while it is recording: is every channel there, at its rate, without flags?",
       }),
     ),
-    h("section", { class: "panel" }, head, sum, marking, marked),
+    h("section", { class: "panel" }, head, sum, sensors, marking, marked),
+    curves,
     h(
       "section",
       { class: "panel flush" },
@@ -67,6 +77,7 @@ export async function show(root, app) {
             h(
               "tr",
               null,
+              h("th", { scope: "col", text: "Curve" }),
               h("th", { scope: "col", text: "Channel" }),
               h("th", { scope: "col", text: "Unit" }),
               h("th", { scope: "col", text: "State" }),
@@ -102,13 +113,22 @@ export async function show(root, app) {
       const ill = channels.filter((c) => verdict(c, recording).kind !== "good").length;
       sum.textContent = `${live.endpoint ?? ""}: ${channels.length} channels, ${ill ? `${ill} with something wrong` : "all as they should be"}.${lost(live.losses)}${live.down?.length ? ` Not heard at all: ${live.down.join(", ")}.` : ""}`;
     }
+    drawSensors(live.sensors ?? []);
+    if (!kept.chosen) {
+      const heard = channels.filter((c) => c.samples).slice(0, FIRST).map((c) => c.name);
+      if (heard.length) kept.chosen = new Set(heard);
+    }
+    void drawCurves();
     const shown = channels.filter((c) => !wanted.checked || verdict(c, recording).kind !== "good");
+    const focused = document.activeElement?.dataset?.testid; // the lines are made anew each second
     body.replaceChildren(
       ...shown.map((c) => {
         const v = verdict(c, recording);
         return h(
           "tr",
           { "data-testid": `live-${c.name}` },
+          h("td", null, h("input", { type: "checkbox", checked: kept.chosen?.has(c.name) ?? false, disabled: !c.samples,
+            "aria-label": `curve of ${c.name}`, "data-testid": `curve-${c.name}`, onchange: (e) => choose(c.name, e.target.checked) })),
           h("th", { scope: "row", class: "code", text: c.name }),
           h("td", { text: c.unit || "–" }),
           h("td", { class: v.kind }, h("span", { "aria-hidden": "true", text: `${v.mark} ` }), v.text),
@@ -137,18 +157,63 @@ export async function show(root, app) {
         );
       }),
     );
+    if (focused?.startsWith("curve-")) body.querySelector(`[data-testid="${CSS.escape(focused)}"]`)?.focus();
     if (!shown.length)
       body.append(
         h(
           "tr",
           null,
           h("td", {
-            colspan: 8,
+            colspan: 9,
             class: "empty",
             text: channels.length ? "No channel has anything wrong." : "No channel has been heard.",
           }),
         ),
       );
+  }
+
+  /** What the recorder says of each sensor. */
+  function drawSensors(list) {
+    sensors.hidden = !list.length;
+    sensors.replaceChildren(...list.map(({ name, state, detail }) => {
+      const good = state === "running";
+      return h("li", { class: good ? "good" : state === "waiting" ? "muted" : "bad", title: detail || null },
+        h("span", { "aria-hidden": "true", text: good ? "✓ " : state === "waiting" ? "… " : "✕ " }), `${name}: ${state}`);
+    }));
+  }
+
+  function choose(name, yes) {
+    kept.chosen ??= new Set();
+    if (yes) kept.chosen.add(name);
+    else kept.chosen.delete(name);
+    void drawCurves();
+  }
+
+  /** Asks for the chosen channels' last seconds, one question at a time. */
+  async function drawCurves() {
+    const names = [...(kept.chosen ?? [])];
+    curves.hidden = !names.length;
+    for (const [name, chart] of charts) {
+      if (names.includes(name)) continue;
+      chart.destroy();
+      charts.delete(name);
+    }
+    if (!names.length || asking) return;
+    asking = true;
+    try {
+      const { meta, arrays } = await app.api.binary(`api/live/curves?names=${names.map(encodeURIComponent).join(",")}`);
+      if (closed) return;
+      for (const [name, { unit, t, parts }] of Object.entries(meta.channels)) {
+        if (!kept.chosen.has(name)) continue;
+        const series = Object.entries(parts).map(([part, array], k) => ({ name: part === "value" ? "measured" : part, values: arrays[array], colour: `--effect-${k}` }));
+        if (!charts.has(name)) charts.set(name, timeChart(curves, { t: new Float32Array(0), series: [], title: name, sync: SYNC, height: 110, testid: `live-chart-${name}` }));
+        charts.get(name).update({ t: arrays[t], unit, series, rough: true });
+      }
+    } catch {
+      // the next second asks again
+    } finally {
+      asking = false;
+    }
   }
 
   wanted.addEventListener("change", () => last && draw(last));
@@ -160,7 +225,11 @@ export async function show(root, app) {
   } catch (cause) {
     head.textContent = cause.message;
   }
-  return off;
+  return () => {
+    closed = true;
+    off();
+    for (const chart of charts.values()) chart.destroy();
+  };
 }
 
 /** @param {Object|undefined} losses by bus and cause @returns {string} them in words */
