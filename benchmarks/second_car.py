@@ -5,13 +5,15 @@
 Each second car drives a sinus, a rough road and drive with lift-off, and a road with kerbs that is held out, 12 s each
 (kept in the folder). The base model is fitted with the joint tables of a bench in the vehicle file, with the table of
 its bump test and without any, then with both anti-roll bars added, which the mechanism has and the base model lacks,
-then with damping across the rear axle. Printed: error ÷ noise floor of each row, parameters beside the mechanism's,
-and the terms of the suspension rows that the model has no place for, from the noise-free motion.
+then with damping across the rear axle and with a front wheel rate that rises with travel. Printed: error ÷ noise floor
+of each row, parameters beside the mechanism's, and the terms of the suspension rows that the model has no place for,
+from the noise-free motion.
 """
 
 from __future__ import annotations
 
 import argparse
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -27,10 +29,14 @@ from lacet.simulate.linkage.motion import LinkageMotion
 from lacet.simulate.linkage.statics import Statics
 from lacet.simulate.linkage.truth import DesignValues, values_at
 
-CARS = ("second", "second-live-axle", "second-rigid")
+CARS = ("second", "second-live-axle", "second-rigid", "second-live-axle-rigid")
 USED, HELD = ("sinus", "rough", "liftoff"), "kerb"
-BARS = ("anti_roll_bar.front", "anti_roll_bar.rear")
-DAMPING = "axle_damping.rear"
+ADDED = {
+    "bars": ("anti_roll_bar.front", "anti_roll_bar.rear"),
+    "damping": ("axle_damping.rear",),
+    "progression": ("spring_quadratic.front",),
+}
+"""Effects added to the base model, one step after the other: the mechanism has them all."""
 RIG = "peugeot-406"
 TABLES = ("joints", "bump", "none")
 SETTINGS = ("duration=12", "sinus.amplitude=0.03")
@@ -81,21 +87,20 @@ def fits(car: str, folder: Path, tables: str) -> None:
     runs = lacet.load_runs(*(folder / f"{name}.parquet" for name in USED), **files)
     held = lacet.load_runs(folder / f"{HELD}.parquet", **files)
     base = lacet.fit(lacet.base_model(runs), runs)
-    both = base
-    for bar in BARS:
-        both = lacet.add(both, bar)
-    damped = lacet.add(both, DAMPING)
+    steps = {"base": base}
+    for step, effects in ADDED.items():
+        steps[step] = functools.reduce(lacet.add, effects, steps[next(reversed(steps))])
     print(f"\n{car}, tables: {tables}")
     ratios = {}
-    for name, fitted in (("base", base), ("bars", both), ("damped", damped)):
+    for name, fitted in steps.items():
         for where, part in (("", None), (" held", held)):
             for of, rows in lacet.compare(fitted, part).ratios.items():
                 ratios[f"{name} {of}{where}"] = rows
     rows = list(dict.fromkeys(row for one in ratios.values() for row in one))
     lines = [[row, *(f"{one[row]:.2f}" if row in one else "" for one in ratios.values())] for row in rows]
     print(table(["row", *ratios], lines))
-    print(damped.summary())
-    print(both.summary())
+    for name, fitted in steps.items():
+        print(f"\n{car}, tables: {tables}, {name}\n{fitted.summary()}")
 
 
 def damping(values: DesignValues, car: SecondCar) -> np.ndarray:
