@@ -29,6 +29,8 @@ BALANCED = 1e-7
 """Largest unbalanced generalised force [N or N·m] of an equilibrium, unless rounding leaves more where all is stiff."""
 SMALLEST = 1e-12
 """A step of Newton's method [m or rad] that is rounding alone."""
+SMALLEST_FORCE = 1e-4
+"""A step of the forces on the equations [N or N·m] that is rounding alone: rigid parts take loads without moving."""
 FURTHEST = 0.2
 """Longest step of Newton's method [m or rad]."""
 SLOW = 0.2
@@ -164,12 +166,13 @@ class Statics:
         n = len(self.free)
         loops = mechanism.loops.count
         force = np.concatenate([self._last[:loops], self._last[loops + held]])
-        largest = np.inf
+        largest, largest_force = np.inf, np.inf
         for _ in range(ROUNDS):
             value, J = self.equations(given)
             rest = (self.force(loads) + J.T @ force)[self.free]
             closed = not len(value) or np.max(np.abs(value)) < CLOSED
-            if closed and (np.max(np.abs(rest)) < BALANCED or largest < SMALLEST):
+            still = largest < SMALLEST and largest_force < SMALLEST_FORCE
+            if closed and (np.max(np.abs(rest)) < BALANCED or still):
                 break
             unbalanced = np.concatenate([rest, value])
             inverse = self._inverse
@@ -178,6 +181,7 @@ class Statics:
                 self._inverse = inverse
             step = -inverse @ unbalanced
             largest = float(np.max(np.abs(step[:n])))
+            largest_force = float(np.max(np.abs(step[n:]), initial=0.0))
             part = min(1.0, FURTHEST / max(largest, SMALLEST))
             force = force + part * step[n:]
             way = np.zeros(mechanism.model.nv)

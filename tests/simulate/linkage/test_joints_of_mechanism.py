@@ -19,7 +19,7 @@ from lacet.simulate.linkage.statics import Loads, Statics
 from lacet.simulate.linkage.truth import values_at
 from lacet.simulate.vehicle_file import vehicle_text
 from tests.identify import cars
-from tests.simulate.linkage.second_cars import RIGID, mechanism, statics
+from tests.simulate.linkage.second_cars import RIGID, statics
 
 NEAR = np.linspace(-2e-3, 2e-3, 9)
 """Travels and racks of the tables [m]: near the design position, so that slopes are exact."""
@@ -81,7 +81,7 @@ def test_slopes_by_both_travels_are_the_mechanism_s(name: str) -> None:
 @pytest.mark.parametrize("name", RIGID)
 def test_loads_of_both_wheels_do_the_work_that_holds_the_travels(name: str) -> None:
     """What a load at the wheels adds to the forces that hold the travels is the left side of the suspension rows."""
-    motion, of = at_design(name), Statics(mechanism(name))
+    motion, of = at_design(name), statics(name)
     rng = np.random.default_rng(4)
     force, moment = rng.normal(0, 2000, (4, 3)), rng.normal(0, 300, (4, 3))
     held = of.solve(np.zeros(4), loads=Loads(force, moment)).held - of.solve(np.zeros(4)).held

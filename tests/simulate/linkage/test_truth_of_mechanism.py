@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from lacet.simulate.linkage.statics import Loads
+from lacet.simulate.linkage.statics import Loads, Statics
 from lacet.simulate.linkage.truth import values_at
 from tests.simulate.linkage.second_cars import mechanism, statics
 
@@ -147,3 +147,14 @@ def test_a_load_at_a_contact_point_does_work_on_the_wheel() -> None:
     way = np.diff([place[1] for place in places]) + foot * np.array(camber)
     work = np.sum(0.5 * (sizes[1:] + sizes[:-1]) * way)
     assert energies[-1] - energies[0] == pytest.approx(work, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["second-rigid", "second-live-axle-rigid"])
+def test_a_load_is_held_by_the_same_forces_whatever_was_solved_before(name: str) -> None:
+    """Rigid parts do not move under a load: what counts is that the forces are balanced, also with an older matrix."""
+    rng = np.random.default_rng(3)
+    loads = Loads(rng.normal(0.0, 2000.0, (4, 3)), rng.normal(0.0, 300.0, (4, 3)))
+    used, fresh = Statics(mechanism(name)), Statics(mechanism(name))
+    used.solve(np.array([0.04, -0.03, 0.03, -0.04]), 0.03)
+    held = [of.solve(np.zeros(4), 0.0, loads).held for of in (used, fresh)]
+    np.testing.assert_allclose(held[0], held[1], atol=1e-3)
