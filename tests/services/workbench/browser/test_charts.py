@@ -107,6 +107,52 @@ async (notes) => {
   return { texts: shown.map((e) => e.textContent), cut };
 }
 """
+_NEXT = """
+async (found) => {
+  const { createNextRun } = await import("/js/views/next_run.js");
+  let answer;
+  const run = () => new Promise((done) => { answer = () => done({ next: found }); });
+  const get = async () => ({ terms: {} });
+  const next = createNextRun({ api: { run, get } });
+  document.getElementById("main").append(next.element);
+  const silent = (effect, shown_by) => ({ effect, shown_by, answer: "not testable" });
+  const ranked = { candidates: [silent("a.front", "rough road"), { ...silent("b", "braking"), answer: "missing" },
+    silent("c", "rough road"), silent("d", "a spiral")] };
+  next.ready(true, ranked);
+  const groups = [...next.element.querySelectorAll("optgroup")].map((g) => [g.label, g.children.length]);
+  const go = next.element.querySelector("[data-testid=next-run-go]");
+  go.click();
+  next.ready(true, ranked);
+  const waits = go.disabled;
+  answer();
+  await new Promise((done) => setTimeout(done, 100));
+  const text = next.element.querySelector(".next-says").innerText;
+  return { groups, waits, again: !go.disabled, text,
+    pictures: next.element.querySelectorAll("[data-testid=next-picture] canvas").length };
+}
+"""
+_SURFACES = """
+async () => {
+  const { surfaceMaps } = await import("/js/charts/restoring_surface.js");
+  const cells = (value) => [0, 1, 2, 3].map(() => [0, 1, 2, 3].map(() => value));
+  const edges = (reach) => [-2, -1, 0, 1, 2].map((k) => (k * reach) / 2);
+  const shown = (label, travel, rate) => ({ label, unit: "N", travel: edges(travel), rate: edges(rate),
+    travel_unit: "mm", rate_unit: "mm/s" });
+  const one = (...how) => ({ residual: cells(3), force: cells(3), count: cells(40), blocks: cells(5), scatter: 1,
+    shown: shown(...how) });
+  const box = document.createElement("div");
+  document.getElementById("main").append(box);
+  surfaceMaps(box).update({ fl: one("front left", 10, 400), rr: one("rear right", 20, 100) }, "residual", 10);
+  await new Promise((done) => setTimeout(done, 300));
+  return [...box.querySelectorAll(".surface")].map((figure) => {
+    const canvas = figure.querySelector("canvas");
+    const at = canvas.getBoundingClientRect();
+    const [x, y] = [at.left + 58 + 0.6 * (at.width - 68), at.top + 6 + 0.45 * (at.height - 48)];
+    canvas.dispatchEvent(new PointerEvent("pointermove", { clientX: x, clientY: y }));
+    return figure.querySelector("output").textContent;
+  });
+}
+"""
 
 
 @pytest.fixture(scope="module")
@@ -169,3 +215,31 @@ def test_twelve_versions_are_told_apart(opened: Opened) -> None:
     found = watch.page.evaluate(_NOTES, [f"added {law}.{place}" for law in laws for place in places])
     assert len(set(found["texts"])) == 12, found["texts"]
     assert found["cut"] == 0
+
+
+@pytest.mark.parametrize("pictured", [1, 2])
+def test_the_next_run_is_grouped_and_pictured(opened: Opened, pictured: int) -> None:
+    watch = opened()
+    watch.go("live")
+    edge = [[0.5, 0.5][:pictured], [1.5, 1.5][:pictured]]
+    picture = {"effects": ["a.front", "c"][:pictured], "now": edge, "after": edge}
+    run = {"run": "rough class B", "after": 40.0, "seconds": 10.0}
+    found = watch.page.evaluate(_NEXT, {
+        "says": "To show it: drive.", "quantity": "size", "now": 1.0, "needed": 8.0, "runs": [run], "warnings": [],
+        "picture": picture,
+    })  # fmt: skip
+    assert found["groups"] == [["shown by: rough road", 2], ["shown by: a spiral", 1]]
+    assert found["waits"], "it may not be asked twice at once"
+    assert found["again"]
+    assert "rough class B" in found["text"]
+    assert "null" not in found["text"]
+    assert found["pictures"] == 1
+
+
+def test_four_surfaces_have_common_axes(opened: Opened) -> None:
+    """The same place of two pictures is in the cell of the same travel and rate, 4 mm and 40 mm/s here."""
+    watch = opened()
+    watch.go("live")
+    narrow, wide = watch.page.evaluate(_SURFACES)
+    assert narrow.startswith("2.50 mm, 100 mm/s"), narrow
+    assert wide.startswith("5.00 mm, 25.0 mm/s"), wide

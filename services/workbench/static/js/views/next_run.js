@@ -26,10 +26,11 @@ export function createNextRun(app) {
   const box = h("div", { class: "next-picture" });
   let picture = null;
   let may = false;
+  let asking = false;
   let of = "";
 
   async function ask() {
-    may = false;
+    asking = true;
     go.disabled = true;
     says.replaceChildren(h("p", { class: "muted", text: "Simulating the runs of the library …" }));
     try {
@@ -41,7 +42,7 @@ export function createNextRun(app) {
             says.replaceChildren(
               h("p", {
                 class: "muted",
-                text: `${job.text || "Simulating the runs of the library"}${job.total ? `: ${job.done} of ${job.total}` : ""} …`,
+                text: `${job.text || "Simulating the runs of the library"} …`,
               }),
             );
           },
@@ -51,8 +52,8 @@ export function createNextRun(app) {
     } catch (cause) {
       says.replaceChildren(h("p", { class: "muted", text: cause.message }));
     }
-    may = true;
-    go.disabled = false;
+    asking = false;
+    go.disabled = !may;
   }
 
   function show(found) {
@@ -138,7 +139,7 @@ export function createNextRun(app) {
     element,
     ready(now, diagnosis) {
       may = now && Boolean(diagnosis);
-      go.disabled = !may;
+      go.disabled = !may || asking;
       const key = JSON.stringify((diagnosis?.candidates ?? []).map((c) => [c.effect, c.answer]));
       if (key === of) return;
       of = key;
