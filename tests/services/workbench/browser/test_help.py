@@ -33,7 +33,7 @@ def test_the_tour_makes_a_study_of_the_example_runs(browser: Any, tmp_path: Path
         watch.expect(watch.at("run-row-spiral")).to_contain_text("good", timeout=LONG)
         watch.at("tour-act").click()
         watch.expect(tour).to_contain_text("3 of 8", timeout=LONG)
-        watch.expect(watch.at("car-suspension.fl")).to_have_class(re.compile("tour-target"), timeout=LONG)
+        watch.expect(watch.at("car-picture")).to_have_class(re.compile("tour-target"), timeout=LONG)
         watch.picture("tour-3")
         watch.at("tour-next").click()
         watch.expect(watch.page).to_have_url(re.compile("#/compare"))

@@ -222,6 +222,7 @@ def _own_effect(watch: Watch, bench: Bench) -> None:
     watch.at("own-add").click()
     _version(watch, 4)
     watch.expect(watch.at("last-change")).to_contain_text("It helps no row: undo it.", timeout=LONG)
+    watch.expect(watch.at("undo-add")).to_be_in_viewport(ratio=1.0)
     watch.picture("4-helps-no-row")
     watch.at("undo-add").click()
     _version(watch, 3)

@@ -61,6 +61,7 @@ export async function show(root, app) {
 
   /** Adds an effect; then the ranking goes on by itself, unless the effect helped no row. */
   async function add(effect, shape) {
+    card.element.scrollIntoView({ block: "nearest" });
     const found = await work("add", shape && Object.keys(shape).length ? { effect, shape } : { effect });
     if (found?.helps && !closed) await work("diagnose", {});
   }

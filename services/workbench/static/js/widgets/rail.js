@@ -13,7 +13,7 @@ import { runsOf } from "../net/state.js";
  * @param {Object} app
  */
 export function createRail(root, button, app) {
-  const picture = h("div", { class: "car-box" });
+  const picture = h("div", { class: "car-box", "data-testid": "car-picture" });
   const runSelect = h("select", { "aria-label": "run", "data-testid": "run-select" });
   const list = h("ul", {
     class: "row-list",

@@ -26,7 +26,7 @@ const STEPS = [
   {
     title: "The car and its rows",
     view: "compare",
-    target: "car-suspension.fl",
+    target: "car-picture",
     text: "Every number on the car is an error ÷ noise floor: 1 is all that sensors allow. The suspension rows stand far above it, so something is missing there. Press a number to see its row.",
   },
   {
