@@ -26,9 +26,10 @@ from lacet.identify.car.car_tree import (
 from lacet.identify.car.measured_rows import MeasuredRows
 from lacet.identify.car.motion import CornerMotion, Motion
 from lacet.identify.car.road import Road, RoadPlane
-from lacet.identify.car.rows import Row, Torque, suspension_torque
+from lacet.identify.car.rows import Row
 from lacet.identify.car.sources.completion import completed
 from lacet.identify.car.sources.nominal_load import known_masses
+from lacet.identify.car.torques import Torque, suspension_torque
 from lacet.identify.car.wheel_joints import wheel_joints
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.vectors import Array, cross, dot, turn, turned, unit

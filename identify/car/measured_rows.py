@@ -2,17 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from lacet.daq.channels import CORNERS
+from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import BrakingLeftOut, FlatRoad, GroundLaserOffset
 from lacet.identify.car.road import ABOVE, Road
-from lacet.identify.car.rows import PRESSURE, RELEASED, Absence, Row, RowAbsence, Torque, available, needs
+from lacet.identify.car.rows import (
+    PRESSURE,
+    RELEASED,
+    ROLL_AND_PITCH,
+    ROWS,
+    SPRUNG_MASS,
+    Absence,
+    Row,
+    RowAbsence,
+    fewest,
+    leading,
+    needs,
+)
+from lacet.identify.car.torques import Torque, torque_in
 from lacet.identify.signals.reconstruct import Recording, RunNote
+from lacet.identify.signals.sources import Kind, Method, Source
 
 
 @dataclass(frozen=True)
@@ -53,6 +70,49 @@ class MeasuredRows:
     def at(self, index: NDArray[np.intp] | slice) -> MeasuredRows:
         """The same rows at the samples `index`."""
         return replace(self, usable={row: mask[index] for row, mask in self.usable.items()})
+
+
+def serves(source: Source | None, channel: str, row: Row) -> bool:
+    """Whether what is known of a channel serves a row: its leading components are not assumed."""
+    if source is None or row.kind in source.unfit:
+        return False
+    return all(source.kinds[k] is not Kind.ASSUMED for k in leading(row).get(channel, ()))
+
+
+def available(
+    measured: Container[str], vehicle: Vehicle, reference: str, brakes: str, grounds: tuple[str, ...],
+    sources: Mapping[str, Source] = MappingProxyType({}), elsewhere: Container[str] = (),
+) -> tuple[dict[Row, Torque], dict[Row, RowAbsence]]:  # fmt: skip
+    """Rows whose left side is known, row → its torques; and every other row → why it is absent.
+
+    `sources` : where channels that are not `measured` come from; `elsewhere` : rows that another run measures,
+    which are not taken on assumptions here. Body rows say nothing beside measured wheel loads: with any they are in
+    neither.
+    """
+    rows: dict[Row, Torque] = {}
+    left_out: dict[Row, RowAbsence] = {}
+    loads = [f"wheel.{c}.force" for c in CORNERS]
+    known = any(c in measured or (c in sources and sources[c].method is not Method.NOMINAL_LOAD) for c in loads)
+    for row in ROWS:
+        if row.kind == "body" and known:
+            continue
+        needed = needs(row, reference, grounds, vehicle)
+        lacking = tuple(channel for channel in needed if channel not in measured)
+        absent = tuple(channel for channel in lacking if not serves(sources.get(channel), channel, row))
+        torque = torque_in(row, vehicle, measured, brakes)
+        if row.kind == "body" and absent and not any(c in absent for c in leading(row)):
+            left_out[row] = RowAbsence(Absence.NO_KNOWN_LOAD, (SPRUNG_MASS,))
+        elif row.kind == "body" and not absent and all(one in elsewhere for one in ROLL_AND_PITCH):
+            left_out[row] = RowAbsence(Absence.MEASURED_ELSEWHERE, lacking)
+        elif absent:
+            left_out[row] = RowAbsence(Absence.CHANNELS, fewest(row, absent))
+        elif row in elsewhere and any(sources[channel].kind is Kind.ASSUMED for channel in lacking):
+            left_out[row] = RowAbsence(Absence.MEASURED_ELSEWHERE, lacking)
+        elif torque.missing is not None:
+            left_out[row] = torque.missing
+        else:
+            rows[row] = torque
+    return rows, left_out
 
 
 def _beside_the_wheels(ahead: float) -> tuple[GroundLaserOffset, ...]:

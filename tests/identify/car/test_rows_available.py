@@ -13,7 +13,9 @@ from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import reconstruct
-from lacet.identify.car.rows import BODY_ROWS, RELEASED, ROWS, Row, Torque, available, needs, torque_in
+from lacet.identify.car.measured_rows import available
+from lacet.identify.car.rows import BODY_ROWS, RELEASED, ROWS, Row, needs
+from lacet.identify.car.torques import Torque, torque_in
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import Filters
 from lacet.services.render.rows import row_absence, run_notes
