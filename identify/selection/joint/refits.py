@@ -98,13 +98,13 @@ def found_together(first: ScoreTests, seed: int, progress: Progress = silent) ->
 def continued(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
     """The same with what is found beside the effects found before."""
     for _ in range(SELECTION.most_refits):
-        found = search(joint.space, joint.beside, joint.laws, progress)
-        if not found.effects:
+        found = search(joint.space, joint.beside, joint.laws, progress).effects  # free the memory of its tests
+        if not found:
             break
         # A latency that was removed from the runs would be fitted as what remains of it.
         latencies = joint.space.linearisation.latencies
-        late = [effect for effect in found.effects if effect.sheet_kind == "latency" and latencies]
-        others = [effect for effect in found.effects if effect not in late]
+        late = [effect for effect in found if effect.sheet_kind == "latency" and latencies]
+        others = [effect for effect in found if effect not in late]
         joint = replace(joint, effects=(*joint.effects, *late), removed=(*joint.removed, *late))
         before = joint
         if others:

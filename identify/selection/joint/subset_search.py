@@ -107,16 +107,18 @@ def search(
     while True:
         while len(found.effects) < SELECTION.most_selected and (steps := _strongest(found, tried)):
             progress(Step(Stage.FORWARD_SELECTION, len(found.effects) + 1, subject=", ".join(c.key for c in steps)))
-            added = [replace(alone.effects[c.key], shape=c.shape) for c in steps]
-            found = found.with_effects([*found.effects, *added], progress)
+            wanted = [*found.effects, *(replace(alone.effects[c.key], shape=c.shape) for c in steps)]
+            found = replace(found, space=alone)  # hundreds of MB less while the next tests are computed
+            found = found.with_effects(wanted, progress)
             tried = tuple(found.space.family_wise(found.space.try_all()))
         if frozenset(found.keys) in seen:
             return found
         seen.add(frozenset(found.keys))
-        better = _improved(found, progress)
-        if better is found:
+        better = _improved(found)
+        if better is None:
             return found
-        found = better
+        found = replace(found, space=alone)
+        found = found.with_effects(better, progress)
         tried = tuple(found.space.family_wise(found.space.try_all()))
 
 
@@ -154,8 +156,8 @@ def strength(c: Candidate) -> float:
     return min(c.total_gain, c.drop)
 
 
-def _improved(found: Subset, progress: Progress) -> Subset:
-    """A subset with an effect dropped or exchanged that explains as much or more; the same where there is none."""
+def _improved(found: Subset) -> Sequence[Effect] | None:
+    """The effects with one dropped or exchanged that explain as much or more; None where there are none."""
     for key in _weakest_first(found):
         others = [effect for effect in found.effects if effect.key != key]
         free = found.space.releasing([key])
@@ -163,14 +165,14 @@ def _improved(found: Subset, progress: Progress) -> Subset:
         (own,) = (c for c in tried if c.key == key)
         beside = replace(found, space=free, effects=tuple(others))
         if not passes(beside, own):
-            return found.with_effects(others, progress)
+            return others
         stands = {c.key for c in tried if passes(beside, c)}
         others_like_it = [r for r in rivals(free, own, tried) if r.effect.key in stands]
         better = [r for r in others_like_it if r.margin < -SELECTION.least_refinement_fall]
         if better:
             best = min(better, key=lambda r: r.margin)
-            return found.with_effects([*others, best.effect], progress)
-    return found
+            return [*others, best.effect]
+    return None
 
 
 def _weakest_first(found: Subset) -> list[str]:
