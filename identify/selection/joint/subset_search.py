@@ -49,6 +49,11 @@ class Subset:
         """Keys of the selected effects."""
         return tuple(effect.key for effect in self.effects)
 
+    @property
+    def without_tests(self) -> Subset:
+        """The same without the tests beside its effects, whose memory is then free."""
+        return replace(self, space=self.alone)
+
     def with_effects(self, effects: Sequence[Effect], progress: Progress) -> Subset:
         """The subset of these effects instead, at the shape constants that explain most together."""
         if not effects:
@@ -102,13 +107,14 @@ def search(
 
     `first` : all candidates, each tested in `alone`; `settled` : laws found before, which are in the model.
     """
-    found, tried = Subset(alone, tuple(first), alone, settled=tuple(settled)), tuple(first)
+    found: Subset = Subset(alone, tuple(first), alone, settled=tuple(settled))
+    tried: tuple[Candidate, ...] = tuple(first)
     seen: set[frozenset[str]] = set()
     while True:
         while len(found.effects) < SELECTION.most_selected and (steps := _strongest(found, tried)):
             progress(Step(Stage.FORWARD_SELECTION, len(found.effects) + 1, subject=", ".join(c.key for c in steps)))
             wanted = [*found.effects, *(replace(alone.effects[c.key], shape=c.shape) for c in steps)]
-            found = replace(found, space=alone)  # hundreds of MB less while the next tests are computed
+            found = found.without_tests  # hundreds of MB less while the next are computed
             found = found.with_effects(wanted, progress)
             tried = tuple(found.space.family_wise(found.space.try_all()))
         if frozenset(found.keys) in seen:
@@ -117,7 +123,7 @@ def search(
         better = _improved(found)
         if better is None:
             return found
-        found = replace(found, space=alone)
+        found = found.without_tests
         found = found.with_effects(better, progress)
         tried = tuple(found.space.family_wise(found.space.try_all()))
 
