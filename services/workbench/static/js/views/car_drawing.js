@@ -38,12 +38,12 @@ export function drawing(at) {
 
 /** What the colours of a bar's parts are. */
 function keys(title, parts, y) {
-  let x = 6;
+  let x = 0;
   const out = [s("text", { class: "key", x, y, text: title })];
   x += 52;
   for (const [, words, colour] of parts) {
     out.push(s("rect", { x, y: y - 8, width: 9, height: 9, class: `part ${colour}` }), s("text", { class: "key", x: x + 13, y, text: words }));
-    x += 18 + 5.4 * words.length;
+    x += 19 + 5.7 * words.length;
   }
   return out;
 }

@@ -26,7 +26,7 @@ export async function show(root, app) {
     class: "filter",
     "data-testid": "parameter-filter",
   });
-  const sheet = h("input", { type: "checkbox", id: "with-sheet" });
+  const sheet = h("input", { type: "checkbox", id: "with-sheet", checked: true });
   const changes = h("input", { type: "checkbox", id: "with-changes", checked: true });
   const said = h("p", { class: "muted sub", role: "status" });
   const reportButton = (testid, text, files) => {
@@ -222,6 +222,8 @@ export async function show(root, app) {
     return [...numbers].sort((a, b) => a - b).slice(-3);
   }
 
+  const half = (p) => (sheet.checked ? p.half95_sheet : p.half95);
+
   function table() {
     const back = changes.checked ? older() : [];
     const column = (text, title) => h("th", { scope: "col", class: "num", text, title });
@@ -229,8 +231,9 @@ export async function show(root, app) {
       h("th", { scope: "col", text: "Parameter" }),
       h("th", { scope: "col", class: "of-effect", text: "Effect" }),
       column(`Value${found ? `, version ${found.version}` : ""}`),
-      column("± 95 %", "half of the 95 % interval: noise and zeros"),
-      ...(sheet.checked ? [column("± with sheet", "the same with the sensor sheet's gains and latencies")] : []),
+      sheet.checked
+        ? column("± with sheet", "half of the 95 % interval: noise, zeros, and the sensor sheet's gains and latencies")
+        : column("± 95 %", "half of the 95 % interval: noise and zeros"),
       h("th", { scope: "col", text: "Unit" }),
       column("A priori", "what the vehicle file says"),
       ...back.map((n) => column(`version ${n}`)),
@@ -253,8 +256,7 @@ export async function show(root, app) {
           }),
           h("td", { class: "muted of-effect", text: p.effect }),
           h("td", { class: "num strong", text: number(p.value, p.half95) }),
-          h("td", { class: "num", text: `± ${number(p.half95, p.half95)}` }),
-          sheet.checked ? h("td", { class: "num", text: `± ${number(p.half95_sheet, p.half95_sheet)}` }) : null,
+          h("td", { class: "num", text: `± ${number(half(p), half(p))}` }),
           h("td", { text: p.unit || "–" }),
           h("td", {
             class: "num muted",
