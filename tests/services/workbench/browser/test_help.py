@@ -99,7 +99,7 @@ def test_axe_finds_nothing_serious(opened: Opened, theme: str) -> None:
         missing("axe is not installed: make test installs it (requirements/dev.txt)")
         raise
     watch = opened(theme=theme)
-    for view in ("runs", "compare", "where", "missing", "falls", "live"):
+    for view in ("runs", "compare", "where", "missing", "falls", "car", "live"):
         watch.go(view)
         watch.page.wait_for_selector(f"[data-view={view}] > *")
         watch.expect(watch.at("job-bar")).to_have_attribute("data-state", "idle", timeout=LONG)

@@ -71,7 +71,7 @@ export function show(root, app) {
   function draw() {
     if (!found) return;
     const at = new Map(found.derived.map((d) => [`${d.kind} ${d.place}`, d]));
-    const value = (d) => valueOf(d, found.against, kept.sheet);
+    const value = (d, as) => valueOf(d, as, found.against, kept.sheet);
     place.replaceChildren(...(found.derived.length
       ? [h("div", { class: "car-sides" }, ["fl", "rl"].map((c) => corner(c, at, value))), drawing(at),
         h("div", { class: "car-sides" }, ["fr", "rr"].map((c) => corner(c, at, value)))]
@@ -97,22 +97,22 @@ export function show(root, app) {
   };
 }
 
-/** A derived value with its interval, and what it was in the other version. */
-function valueOf(d, against, sheet) {
-  if (!d) return h("dd", { class: "muted", text: "–" });
-  if (!d.determined) return h("dd", { class: "muted", title: d.why, text: "not determined" });
-  if (d.none) return h("dd", { class: "muted", text: "none" });
+/** A derived value with its interval, and what it was in the other version, as an element `as`. */
+function valueOf(d, as, against, sheet) {
+  if (!d) return h(as, { class: "muted", text: "–" });
+  if (!d.determined) return h(as, { class: "muted", title: d.why, text: "not determined" });
+  if (d.none) return h(as, { class: "muted", text: "none" });
   const half = (sheet ? d.half95_sheet : null) ?? d.half95;
   const beside = against !== null && d.other ? h("span", { class: `was${d.differs ? " differs" : ""}`, title: differs(d.differs, against),
     text: `${number(d.other.value, half)}${d.differs ? ` ${arrow(d)}` : ""}` }) : null;
-  return h("dd", { data: { value: d.name } }, h("b", { text: number(d.value, half) }), h("span", { class: "half", text: ` ± ${number(half, half)}` }),
+  return h(as, { data: { value: d.name } }, h("b", { text: number(d.value, half) }), h("span", { class: "half", text: ` ± ${number(half, half)}` }),
     d.unit ? h("span", { class: "unit", text: ` ${d.unit}` }) : null, beside);
 }
 
 function corner(c, at, value) {
   const lines = AT_CORNERS.map((kind) => at.get(`${kind} ${c}`)).filter(Boolean);
   return h("div", { class: "car-corner", "data-testid": `values-${c}` }, h("h3", { text: CORNERS[c] }),
-    h("dl", null, lines.map((d) => [h("dt", { title: d.symbol, text: d.label }), value(d)])));
+    h("dl", null, lines.map((d) => [h("dt", { title: d.symbol, text: d.label }), value(d, "dd")])));
 }
 
 /** Values of the axles in two columns, then those of the whole car. */
@@ -120,14 +120,13 @@ function axleTable(derived, value) {
   const kinds = new Map();
   for (const d of derived) if (d.place === "front" || d.place === "rear") kinds.set(d.kind, { ...kinds.get(d.kind), [d.place]: d });
   const whole = derived.filter((d) => d.place === "car" || (d.place === "front" && !kinds.get(d.kind)?.rear));
-  const cell = (d) => h("td", null, h("dl", null, value(d)));
   const name = (d) => h("th", { scope: "row", title: d.symbol, class: d.label.startsWith("of it") ? "of-it" : "" }, d.label);
   const both = [...kinds.values()].filter((pair) => pair.front && pair.rear);
   return [
     h("h2", { text: "Axles and body" }),
     h("table", { class: "axle-table", "data-testid": "axle-table" },
       h("thead", null, h("tr", null, ["", "front", "rear"].map((t) => h("th", { scope: "col", text: t })))),
-      h("tbody", null, both.map(({ front, rear }) => h("tr", null, name(front), cell(front), cell(rear))),
-        whole.map((d) => h("tr", null, name(d), h("td", { colspan: 2 }, h("dl", null, value(d))))))),
+      h("tbody", null, both.map(({ front, rear }) => h("tr", null, name(front), value(front, "td"), value(rear, "td"))),
+        whole.map((d) => h("tr", null, name(d), h("td", { colspan: 2 }, value(d, "div")))))),
   ];
 }
