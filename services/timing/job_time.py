@@ -24,6 +24,9 @@ OVERDUE = 0.1
 """Remaining time of a stage that takes longer than expected, as a part of the time that it has taken."""
 SEEN = 0.1
 """Share done below which the remaining time is not shown: too little of the job has been seen."""
+UNPLANNED = 0.2
+"""Part of the time passed, spent in steps that the plan has not, from which the remaining time is not shown: a search
+goes on as long as it finds effects, and nobody knows how many."""
 KNOWN = 0.05
 """Time ÷ expected time below which a stage found its values known: it says nothing of the pace."""
 NEARLY = 0.99
@@ -32,7 +35,8 @@ NEARLY = 0.99
 
 @dataclass(frozen=True)
 class Estimate:
-    """Share of a job done (0 to 1), and the remaining time [s], None while too little of it has been seen."""
+    """Share of a job done (0 to 1), and the remaining time [s]; None where too little of the job has been seen, or was
+    planned."""
 
     share: float
     remaining: float | None
@@ -92,6 +96,7 @@ class JobTime:
         self._at = -1
         self._inside = False
         self._share = 0.0
+        self._unplanned = 0.0
 
     def step(self, step: AnyStep) -> None:
         """Take a step of the job."""
@@ -119,7 +124,9 @@ class JobTime:
             passed, remaining = now - self._began, self._remaining(now)
             share = passed / (passed + remaining) if passed + remaining > 0.0 else 0.0
             self._share = max(self._share, min(share, NEARLY))
-            return Estimate(self._share, remaining if self._share >= SEEN else None)
+            unplanned = self._unplanned + (0.0 if self._inside else now - self._since)
+            shown = self._share >= SEEN and unplanned <= UNPLANNED * passed
+            return Estimate(self._share, remaining if shown else None)
 
     def end(self, done: bool = True) -> None:
         """The job is over: remember the paces of its stages, the last among them when it was `done`."""
@@ -160,9 +167,11 @@ class JobTime:
         return None
 
     def _leave(self, now: float) -> None:
-        """Leave the present stretch."""
+        """Leave the present stretch, or what was done outside the plan."""
         if self._inside:
             self._plan[self._at].spent += now - self._since
+        else:
+            self._unplanned += now - self._since
         self._inside, self._since = False, now
 
     def _remaining(self, now: float) -> float:

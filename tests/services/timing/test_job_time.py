@@ -132,6 +132,22 @@ def test_a_plan_told_later_replaces_what_is_ahead_alone():
     assert now.remaining == pytest.approx(10.0, rel=0.1), "at half the usual pace"
 
 
+def test_no_time_left_is_shown_while_a_search_goes_on_beyond_its_plan():
+    clock = Clock()
+    time = JobTime(clock)
+    time.step(planned([Stretch(ServiceStage.FITTING, 10.0), Stretch(Stage.LACK_OF_FIT, 1.0)]))
+    time.step(ServiceStep(ServiceStage.FITTING))
+    left: list[float | None] = []
+    for now, stage in ((10.0, Stage.FORWARD_SELECTION), (12.0, Stage.FORWARD_SELECTION), (40.0, Stage.LACK_OF_FIT)):
+        clock.now = now
+        time.step(ServiceStep(stage))
+        estimate = time.estimate()
+        assert estimate is not None
+        left.append(estimate.remaining)
+    assert left[:2] == [pytest.approx(1.0)] * 2
+    assert left[2] is None, "thirty seconds of forty were not planned"
+
+
 def test_a_job_without_a_plan_has_no_share():
     time = JobTime(Clock())
     time.step(ServiceStep(ServiceStage.FITTING))
