@@ -91,6 +91,8 @@ export async function show(root, app) {
     if (closed) return found;
     draw();
     own.refresh();
+    // the button that began it was disabled meanwhile, and lost the keyboard: it goes on with what is next
+    if (document.activeElement === document.body) card.focus();
     return found;
   }
 

@@ -136,7 +136,7 @@ export function createVerdictCard(app, previews, act) {
 
   return {
     element,
-    focus: () => (add.hidden ? search : add).focus(),
+    focus: () => (add.hidden ? search : add).focus({ preventScroll: true }),
     /** A job's words in the place of the verdict. */
     progress(job) {
       const count = job.total && !job.text?.includes(" of ") ? `: ${job.done} of ${job.total}` : "";
