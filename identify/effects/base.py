@@ -267,7 +267,22 @@ class Bend(Enum):
     RATE = auto()
 
 
-class SuspensionForce(PhysicalEffect):
+class AtSuspensions(PhysicalEffect):
+    """A force in each suspension of an axle, or in one corner's."""
+
+    rows = ("suspension",)
+
+    @classmethod
+    def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
+        """Both axles (the same parameter left and right) and each corner."""
+        return [cls(where) for where in (*AXLES, *vehicle.corners)]
+
+    def parts(self) -> Sequence[PhysicalEffect]:
+        """The same force at each corner: the variants of two axles and four corners need the law four times."""
+        return [replace(self, where=corner) for corner in self.corners()]
+
+
+class SuspensionForce(AtSuspensions):
     """A force in each suspension, resisting compression, as a function of travel s [m] and its rate [m/s].
 
     A subclass defines `law` and its parameters; front and rear axle and each single corner are its variants. Of a law
@@ -293,7 +308,6 @@ class SuspensionForce(PhysicalEffect):
     Model(29 effects of the base model + my_cubic_spring.front)
     """
 
-    rows = ("suspension",)
     bend: ClassVar[Bend] = Bend.NOWHERE
     """Where the law bends within the noise of its argument; a polynomial does not."""
 
@@ -302,18 +316,9 @@ class SuspensionForce(PhysicalEffect):
         """Whether the law bends."""
         return self.bend is not Bend.NOWHERE
 
-    @classmethod
-    def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
-        """Both axles (the same parameter left and right) and each corner."""
-        return [cls(where) for where in (*AXLES, *vehicle.corners)]
-
     @abstractmethod
     def law(self, travel: Array, rate: Array) -> Array:
         """(N,) force per unit of the parameter [N], from travel [m] and its rate [m/s]; (p, N) for several of them."""
-
-    def parts(self) -> Sequence[PhysicalEffect]:
-        """The same force at each corner: the variants of two axles and four corners need the law four times."""
-        return [replace(self, where=corner) for corner in self.corners()]
 
     def columns(self, motion: Motion) -> dict[str, Array]:
         """The law in the suspension rows of the corners acted on, or its expectation."""

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Self
-
-from lacet.daq.vehicle import Vehicle
-from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import AXLES, Parameter, PhysicalEffect
+from lacet.identify.car.motion import CornerMotion
+from lacet.identify.effects.base import Parameter
+from lacet.identify.effects.suspension.across_axle import AcrossAxle
 from lacet.identify.multibody.vectors import Array
 
 
-class AxleDamping(PhysicalEffect):
+class AxleDamping(AcrossAxle):
     """Damping of the difference of travel rates left and right: F = c (ṡ_left − ṡ_right), and its opposite.
 
     A damper that is compressed by a of its own wheel's travel and by b of the other one's has the rates c_d (a² +
@@ -20,24 +18,16 @@ class AxleDamping(PhysicalEffect):
     """
 
     name = "axle_damping"
-    rows = ("suspension",)
     about = "damping across an axle: couples left and right travel rates"
     signature = "left and right suspension rows follow the difference of travel rates, with opposite signs"
     shown_by = "rough road, kerbs: both wheels of an axle at different rates"
     source = "Dixon (2007), The Shock Absorber Handbook, chapter 5 (motion ratios of axles); Reimpell et al. (2001)"
-
-    @classmethod
-    def variants(cls, vehicle: Vehicle, reference: str) -> list[Self]:
-        """One variant for each axle."""
-        return [cls(axle) for axle in AXLES]
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Damping c, per difference of travel rates."""
         return (self.named("c", "N·s/m", -5e3, 5e3),)
 
-    def columns(self, motion: Motion) -> dict[str, Array]:
-        """ṡ_left − ṡ_right on the left, its opposite on the right."""
-        left, right = self.corners()
-        difference = motion.corners[left].rate - motion.corners[right].rate
-        return {f"suspension.{left}": difference[None], f"suspension.{right}": -difference[None]}
+    def state(self, corner: CornerMotion) -> Array:
+        """Travel rate [m/s]."""
+        return corner.rate

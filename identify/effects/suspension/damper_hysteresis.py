@@ -35,5 +35,5 @@ class DamperHysteresis(SuspensionForceWithMemory):
         return (self.named("f", "N", 0.0, 1500.0, "positive"),)
 
     def course(self, corner: CornerMotion, step: float) -> Array:
-        """z."""
+        """State z of the friction, from −1 to 1."""
         return dahl(corner.travel, self.shape.get("length", 0.003))

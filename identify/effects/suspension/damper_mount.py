@@ -33,5 +33,5 @@ class DamperMount(SuspensionForceWithMemory):
         return (self.named("c", "N·s/m", 0.0, 1e4, "positive"),)
 
     def course(self, corner: CornerMotion, step: float) -> Array:
-        """y − ṡ."""
+        """Travel rate behind the mount less that of the wheel, y − ṡ [m/s]."""
         return first_order_lag(corner.rate, self.shape.get("T", 0.02), step) - corner.rate
