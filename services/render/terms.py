@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from lacet.identify.design.discrimination import NEEDED
+from lacet.identify.regression.uncertainty import BLOCK
+from lacet.identify.selection.settings import SELECTION
+from lacet.identify.validation.score import FAILS
+
 
 class Term(NamedTuple):
     """A term as shown, what it means in a sentence, and its page in ``docs``."""
@@ -28,7 +33,7 @@ TERMS: dict[str, Term] = {
     "error": Term(
         "error ÷ floor",
         "RMS of measured − modelled over the samples of all runs used, divided by the RMS of the noise floor over"
-        " the same samples. 1 is the floor; a row fails above 1.2.",
+        f" the same samples. 1 is the floor; a row fails above {FAILS:g}.",
         "glossary.md",
     ),
     "worst": Term(
@@ -72,7 +77,8 @@ TERMS: dict[str, Term] = {
     ),
     "blocks": Term(
         "blocks",
-        "Number of stretches of two seconds in which the effect acts. Fewer than three are too few to test it.",
+        f"Number of stretches of {BLOCK:g} s in which the effect acts. Fewer than {SELECTION.least_coverage:g} are too "
+        "few to test it.",
         "ranking.md",
     ),
     "answer": Term(
@@ -84,7 +90,7 @@ TERMS: dict[str, Term] = {
     "lead": Term(
         "weighted squares ahead",
         "By how much the effect explains the residual better than its best rival, in squares of the noise floor. "
-        "From 25 on the wrong one is picked once in 160 times.",
+        f"From {NEEDED:g} on the wrong one is picked once in 160 times.",
         "separation.md",
     ),
     "signature": Term(
