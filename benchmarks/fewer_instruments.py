@@ -38,7 +38,7 @@ from lacet.services.one_thread import one_thread
 from tests.identify import cars  # pyright: ignore[reportMissingImports]
 
 Array = NDArray[np.float64]
-PAGE = Path(__file__).parents[1] / "docs" / "fewer-instruments.md"
+PAGE = Path(__file__).parents[1] / "docs" / "benchmarks" / "fewer-instruments.md"
 MARK = "<!-- written by benchmarks/fewer_instruments.py -->"
 RATIO = 0.8
 STATED = f"""

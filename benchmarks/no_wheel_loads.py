@@ -51,7 +51,7 @@ SPRUNG, UNSPRUNG = 15.0, 3.0
 DRAWS = 199
 """Simulated runs behind the noise floor and p."""
 RESULTS = Path(__file__).with_suffix(".jsonl")
-PAGE = Path(__file__).parents[1] / "docs" / "fewer-instruments.md"
+PAGE = Path(__file__).parents[1] / "docs" / "benchmarks" / "fewer-instruments.md"
 MARK = "<!-- written by benchmarks/no_wheel_loads.py -->"
 
 

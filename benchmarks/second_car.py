@@ -1,4 +1,4 @@
-"""Where lacet's model breaks on a car that is not of its class: the tables of docs/second-car.md.
+"""Where lacet's model breaks on a car that is not of its class: the tables of docs/benchmarks/second-car.md.
 
     python -P benchmarks/second_car.py --folder .second-car
 
