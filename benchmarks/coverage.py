@@ -228,7 +228,7 @@ def page(found: Mapping[str, Array]) -> str:
         "interval holds the true value. Written by `make coverage`. The four columns: ± as printed, noise and zeros "
         "drawn; the paper's sxr % taken as an interval, same campaigns; ± with the sheet, gains and latencies drawn as "
         "well; ± as printed when the model lacks both anti-roll bars, which no interval can cover.", "",
-        f"°: scatters less than {LEANS:g} of its printed σ, because it leans on the prior of what the runs do not tell "
+        f"°: scatters less than {LEANS:g} of its printed σ, because it leans on the prior of what the runs leave open "
         "(inertia of the axles). True values are near the middle of that prior here, so it holds them more often.", "",
         "| value | true | σ | ± printed | sxr % | ± with sheet | an effect missing |",
         "|---|---:|---:|---:|---:|---:|---:|",

@@ -18,23 +18,16 @@ PAGE = HOME / "docs" / "benchmarks" / "blind.md"
 LOUD = "noise twice the sheet"
 HELD_LIMIT = 1.10
 KNOWN_WHY = {
-    "anti_roll_bar.front+coulomb.front": "Large, the best set explains 72 to 86 % of what is left once the friction is "
-    "added. In the trial looked into more than 15 % of all rows' excess stays and is no noise. The text names "
-    "the bar as what may be the cause in its rows.",
-    "aero_side": "At the ordinary size, 10 N·s²/m², the catalogue's plausible range ends. In the trial looked into the "
-    "estimate is beyond it, 12.2 ± 1.4, and is told as what no car has.",
-    "coulomb.rl": "At ordinary size the best set explains 67 to 74 % of the excess in these trials; three quarters are "
-    "asked for.",
-    "anti_dive.front": "It acts on many rows and takes less than 1 % off each: too little to be proposed, and told as "
-    "standing out from chance.",
-    "engine_mount": "In these trials no row stands above its floor once the sheet's tolerances have taken their share; "
-    "one candidate then takes off what chance does once in 67 runs.",
-    "liquid_load": "What is above the floor is little more than its own scatter, so that explaining a quarter of it is "
-    "not seen to be too little.",
-    "sensor_gain.hub.fl": "The sensor sheet leaves this scale open by ± 0.0067 (95 %): the 0.011 hidden here are three "
-    "of its own σ, and in some trials chance does as well.",
-    "spring_cubic.front+sensor_gain.hub.fl": "Just testable, the laser's scale is within what chance does beside the "
-    "sheet (see sensor_gain.hub.fl); the spring is found.",
+    "anti_roll_bar.front+coulomb.front": "Large, the best set explains 72 to 86 % of the residual beside the friction; "
+    "the text names the bar as a possible cause in its rows.",
+    "aero_side": "At 10 N·s²/m² the plausible range ends; an estimate beyond it (12.2 ± 1.4) is called implausible.",
+    "coulomb.rl": "The best set explains 67 to 74 % of the excess; three quarters were asked for.",
+    "anti_dive.front": "It takes less than 1 % off each of many rows: reported as beyond chance and too small.",
+    "engine_mount": "No row stands above its floor beside the sheet's tolerances; one candidate then takes off what "
+    "chance does once in 67 runs.",
+    "liquid_load": "The excess over the floor is little more than its own scatter.",
+    "sensor_gain.hub.fl": "The sheet leaves this scale open by ± 0.0067 (95 %): the 0.011 hidden are three of its own σ.",
+    "spring_cubic.front+sensor_gain.hub.fl": "The spring is found; the scale as under sensor_gain.hub.fl.",
 }
 """What is known of why a case is missed, by its name."""
 Record = Mapping[str, Any]
@@ -279,27 +272,26 @@ def page(results: Mapping[tuple[str, int], Record]) -> str:
             + ("; what is not run counts for nothing below" if len(records) < len(wanted) else "")
             + (f"; {np.median(seconds):.0f} s of processor time each (median)." if seconds else ".")
             + " Each is a line of [trials.jsonl](../../benchmarks/blind/trials.jsonl).", "",
-            f"Car `{CAMPAIGN.car}` (what the paper measured: springs, dampers and tyres differ from side to side, so "
-            f"that no symmetry hides a fault), rig `{CAMPAIGN.rig}`. The same runs of {CAMPAIGN.duration:g} s for "
-            f"every case: {', '.join(CAMPAIGN.used)} used; {', '.join(CAMPAIGN.held)} held out. Each trial draws "
-            "noise, zeros, gains and latencies anew from the sensor sheet. Sizes are set by √λ, how far the effect "
-            "stands out of the noise for an oracle that knows its law, after model, zeros and sheet have taken their "
-            "share. A fault of the instruments is at least 5 tolerances of the sheet.", "",
-            "A hit: the truth is proposed first or in the tie set printed with it; \"not testable\" is a miss. Bounds "
-            "are one-sided 95 % (Clopper–Pearson). Trials of a cell share its motion, "
-            f"and {sum(r.get('shared', False) for r in records)} of all share a noise floor and noise moments in their "
-            "cell: those of its first trial, which has them as users do. " + sharing(records), "",
+            f"Car `{CAMPAIGN.car}` (its sides differ, so that no symmetry hides a fault), rig `{CAMPAIGN.rig}`. Runs of "
+            f"{CAMPAIGN.duration:g} s: {', '.join(CAMPAIGN.used)} used; {', '.join(CAMPAIGN.held)} held out. Each trial "
+            "draws noise, zeros, gains and latencies from the sensor sheet. √λ: how far the effect stands out of the "
+            "noise for an oracle that knows its law, beside model, zeros and sheet. Sensor faults are at least 5 "
+            "tolerances.", "",
+            "A hit: the truth is proposed first, or tied with the first; \"not testable\" is a miss. Bounds are "
+            "one-sided 95 % (Clopper–Pearson). Trials of a cell share its motion, "
+            f"and {sum(r.get('shared', False) for r in records)} share the noise floor and noise moments of their "
+            "cell's first trial. " + sharing(records), "",
             "| goal | reached, % | 95 % bound, % | |", "|---|---|---|---|",
             *(goal.line() for goal in found),
             *missed(records, found), "",
             "## One effect hidden", "", *case_table(kinds["single"], by_cell, hit), "",
             "## Two effects hidden", "", *case_table(kinds["pair"], by_cell, both), "",
             "## Nothing to be found", "", *null_table(kinds["null"], by_cell), "",
-            "*Already measured*: rolling resistance, camber thrust and steering compliance are in the measured wheel "
-            "loads and angles; no model lacks them. *Offsets and drift*: every run "
-            "has a second draw of each zero, and each zero drifts as the sheet allows.", "",
+            "*Already measured*: rolling resistance, camber thrust and steering compliance, which are in the measured "
+            "loads and angles. *Offsets and drift*: a second draw of each zero in every run, drifting as the sheet "
+            "allows.", "",
             "## Causes that are not listed", "",
-            "Candidates of the family are taken out. Size by √ of what the cause leaves of runs without noise.", "",
+            "Candidates of the family are not offered. Size: √ of what the cause leaves in runs without noise.", "",
             *case_table(kinds["unlisted"], by_cell, declared), "",
         ]
     )  # fmt: skip

@@ -36,20 +36,19 @@ RUNS = ("RUN", "OTHER")
 
 HEAD = """# The catalogue of effects
 
-Every effect `lacet diagnose` can name: what it is, its law, the rows of the equations it acts on, how it shows when the
-model lacks it, and a picture of that. Written by `python -m benchmarks.catalogue_page` from `identify/effects`; do not
-edit by hand. An effect of your own: [effects.md](effects.md). What a row is: [rows.md](rows.md).
+Every effect `lacet diagnose` can name: its law, the [rows](rows.md) it acts on, and how the residual shows it when the
+model lacks it. Written by `python -m benchmarks.catalogue_page` from `identify/effects`; do not edit by hand. An effect
+of your own: [effects.md](effects.md).
 
-How to read the pictures. The base model, which lacks the effect, is fitted to two runs of a simulated car that has it
-({car}, ordinary noise and zeros). Left: the residual of one row of the first run, in units of the noise floor,
-which is what the sensors' noise alone leaves there (root mean square); the grey band is ± 2. Right: the same against
-the state it follows, its mean in red. The base model takes over what part it can, so that a residual is seldom the
-law itself: of friction, say, the damper takes the slope. A mean that leaves the band, in the form a law would have,
-points to that law; a residual that stays in the band says that nothing is missing. The sizes are such that the form is
-plain to see, not the least that can be found. The command below a picture makes a run like its first.
+The pictures: the base model is fitted to two runs of a simulated car ({car}, ordinary noise and zeros) that has the
+effect. Left: the residual of one row of the first run ÷ its noise floor (RMS), ± 2 in grey. Right: the same against the
+state it follows, its mean in red. A mean that leaves the band in the form of a law points to that law. The base model
+absorbs what it can (of friction, the damper takes the slope), so that a residual is seldom the law itself. Sizes show
+the form plainly; smaller ones are found. The command below a picture makes a run like its first; where there is none,
+the simulator has no such effect: its force is added to a plain run's, less what the base model absorbs.
 
-Parameters are bounded by what is plausible on any car. A fitted value of the sign that is not usual is a hint that
-something else is at work. Constants that are not linear are tried at the values given.
+Parameters are bounded by what is plausible on any car; a value of the unusual sign hints at something else. Constants
+that are not linear are tried at the values given.
 """
 
 
@@ -114,7 +113,7 @@ def rows_of(cls: type[Effect]) -> str:
 def entry(cls: type[Effect], found: list[Effect]) -> list[str]:
     """Everything about one family."""
     case = CASES.get(cls.name)
-    lines = [f"### {cls.name}", "", f"{_sentence(cls.about)}", "", *prose(cls), ""]
+    lines = [f"### {cls.name}", "", *prose(cls), ""]
     lines += [f"- **rows**: {rows_of(cls)}", f"- **at**: {places(found)}", *parameters(found)]
     if found:
         lines += [_constant(name, values, *found[0].bounds_of(name)) for name, values in cls.grids.items()]
@@ -130,9 +129,8 @@ def entry(cls: type[Effect], found: list[Effect]) -> list[str]:
 def excluded_entry(one: ExcludedEffect) -> list[str]:
     """Everything about an effect that the measurements hold."""
     return [
-        f"### {one.name}", "", _sentence(one.about), "", one.law, "",
+        f"### {one.name}", "", one.law, "",
         f"- **cannot be missing**: {one.measured_by}",
-        f"- **in the residual**: {one.signature}", f"- **shown by**: {one.shown_by}",
         f"- **source**: {one.source}", "", *picture(one.name, CASES.get(one.name)),
     ]  # fmt: skip
 
@@ -201,18 +199,14 @@ def picture(name: str, case: Case | None) -> list[str]:
 
 
 def _how(case: Case) -> str:
-    run, also = f"`{case.run}`", f"; fitted together with `{case.beside}`"
+    run, beside = f"`{case.run}`", f"fitted together with `{case.beside}`"
     if case.how == "share":
-        return f"What the rest of the base model leaves for it to explain, in {run}{also}."
+        return f"What the rest of the base model leaves for it to explain, in {run}; {beside}."
     if case.how == "law":
-        return (
-            f"`{case.option}` in {run}{also}. The simulator has no such effect: its force, by the law above, is "
-            "added to a plain run's, less what the base model takes of it."
-        )
+        return f"`{case.option}` in {run}; {beside}."
     if not case.hidden:
-        return f"Every simulated car has it, and nothing remains: {run}{also}."
-    of = ", of a car without it" if case.only_there else ""
-    return f"`{case.option}` in {run}{also}{of}."
+        return f"Every simulated car has it, and nothing remains: {run}; {beside}."
+    return f"It is {beside}{', of a car without it' if case.only_there else ''}."
 
 
 def _command(case: Case) -> list[str]:
@@ -252,7 +246,3 @@ def _link(name: str) -> str:
 
 def _cell(text: str) -> str:
     return text.replace("|", "\\|")
-
-
-def _sentence(text: str) -> str:
-    return text[0].upper() + text[1:] + "."

@@ -29,21 +29,20 @@ EXACT = {"single": 0.96, "pair": 0.92, "three": 0.90, "four": 0.85, "six": 0.80,
 """Class → share of trials that are to be exactly right."""
 WRONG_SHOWN = 40
 INTRODUCTION = """\
-Every trial is a car that no other trial has: all its parameters within 15 % of a reference car's, its sides unlike by
-up to 3 %, sensors mounted elsewhere, four runs used and one held out of 12 to 16 s with speeds, amplitudes, roads,
-noise and errors of the instruments drawn anew. lacet gets exchange tables, rig and vehicle file, as a user has them;
-`lacet diagnose --auto` says what is missing. Written by `make fresh`.
+Every trial is a car of its own: all parameters within 15 % of a reference car's, left and right within 3 %, sensors
+mounted elsewhere, four runs used and one held out of 12 to 16 s, with speeds, amplitudes, roads, noise and instruments'
+errors drawn anew. lacet gets exchange tables, rig and vehicle file; `lacet diagnose --auto` says what is missing.
+Written by `make fresh`.
 
-An effect acts at both axles in three of four cases, with a size of its own at each, and counts as one of the class's;
-names are counted at each axle. In half of the trials sizes are those usual on cars, in the other half the weighted
-size √λ is drawn between 17 and 60 beside all other hidden effects: at least 15 in all, by the simulator's own motion,
-which is 12 by the identification's equations (instruments: 14 to 25 tolerances of the sensor sheet). In half of
-all trials rolling resistance and camber thrust differ too, which the dynamometers measure.
+An effect acts at both axles in three of four cases, with a size of its own at each; it counts as one of the class's,
+names count at each axle. Half of the trials have sizes usual on cars, in the other half √λ is drawn between 17 and 60
+beside all other hidden effects (at least 15 by the simulator's motion, 12 by the identification's equations;
+instruments: 14 to 25 tolerances). In half of all trials rolling resistance and camber thrust differ, too, which the
+dynamometers measure.
 
-A trial is exactly right when each hidden effect is named at its axle (or at both of its corners, or by a tie printed
-with a name), nothing else is, and the verdict is that nothing is missing any more. A spring that engages at a gap may
-be called bump stop or helper spring, a damper with a knee digressive or saturating. Bounds are one-sided 95 %
-(Clopper–Pearson)."""
+A trial is exactly right when each hidden effect is named at its axle (or at both corners, or tied with a name), nothing
+else is, and the verdict is that nothing is missing any more. A spring that engages at a gap may be called bump stop or
+helper spring, a damper with a knee digressive or saturating. Bounds are one-sided 95 % (Clopper–Pearson)."""
 
 
 def goals(records: Sequence[Record]) -> list[Goal]:

@@ -13,16 +13,14 @@ from benchmarks.laws.forms import SETS
 PAGE = HOME / "docs" / "benchmarks" / "laws.md"
 ENOUGH, GOAL = 0.85, 0.80
 INTRODUCTION = """\
-A law of the suspension that nobody listed, a function of travel and rate of the wheel (or of both wheels of the axle),
-or with a state of its own, is put into the simulator's engine, at an axle or at one wheel of a car that no other trial
-has (`benchmarks/fresh`: all parameters within 15 %, instruments with errors of the sensor sheet). It is sized to 60 to
-180 N RMS, spring and damper left out, on the run on which it is largest. lacet gets tables of three runs of 12 to 16 s
-(sinus, braking, rough), rig and vehicle file, and looks for a formula in the rows that fail. Another run is held out
-altogether.
+An unlisted law of the suspension (a function of travel and rate of the wheel or of both wheels of the axle, or with a
+state of its own) acts in the simulator at an axle or a wheel of a car that no other trial has (`benchmarks/fresh`), with
+60 to 180 N RMS on the run on which it is largest, spring and damper left out. lacet gets tables of three runs of 12 to
+16 s (sinus, braking, rough), rig and vehicle file, and looks for a formula in the rows that fail.
 
-*blocks*: part of what is above the noise floor in the rows it acts on that the formula told first explains in blocks of
-the runs that were not fitted to (cross-validation; constants and terms were chosen on all of them). *run*: the same on
-the run held out, the formula added to the model and fitted. Another place than where the law is counts as 0.
+*blocks*: part of what is above the noise floor in its rows that the formula printed first explains in blocks of the
+runs that were not fitted to (cross-validation; constants and terms were chosen on all of them). *run*: the same on
+another run, held out altogether, the formula added to the model and fitted. Another place than the law's counts as 0.
 Development and test set have no form in common; the grammar and the settings of the search were fixed before the test
 set was run, once. Names in brackets: effects of the catalogue that the formula, or a term of it, is on these runs.
 Written by `make laws`."""

@@ -37,8 +37,11 @@ def test_an_entry_says_everything(family: str) -> None:
     """What it is, rows, parameters, source, and a picture that is there and says something, or why there is none."""
     entry, case, measured = ENTRIES[family], CASES[family], family in MEASURED
     one = MEASURED[family] if measured else effect_classes()[family]
-    for said in (one.about[1:], one.signature, one.shown_by, one.source):
+    for said in (one.source,) if measured else (one.signature, one.shown_by, one.source):
         assert said in entry
+    (listed,) = re.findall(rf"^\| \[{family}\].*$", TEXT, re.MULTILINE)
+    for said in (one.about, one.shown_by):
+        assert said.replace("|", "\\|") in listed
     for said in (
         (MEASURED[family].law, MEASURED[family].measured_by) if measured else effect_classes()[family].looks_like
     ):

@@ -33,11 +33,10 @@ class SensorLatency(SensorFault):
 
     A late laser makes a spring look like a spring and a damper, −k τ ṡ, which the dampers absorb, and a tyre's spring
     like a tyre with a damper.
-
-    `members` : the channels that are late together, where they are not a kind of instrument but a row of a rig.
     """
 
     members: tuple[str, ...] = ()
+    """Channels that are late together, where they are not a kind of instrument but a row of a rig."""
 
     name = "sensor_latency"
     about = "an instrument later than the rig file says"
