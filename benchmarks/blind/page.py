@@ -26,7 +26,7 @@ KNOWN_WHY = {
     "engine_mount": "No row stands above its floor beside the sheet's tolerances; one candidate then takes off what "
     "chance does once in 67 runs.",
     "liquid_load": "The excess over the floor is little more than its own scatter.",
-    "sensor_gain.hub.fl": "The sheet leaves this scale open by ± 0.0067 (95 %): the 0.011 hidden are three of its own σ.",
+    "sensor_gain.hub.fl": "The sheet leaves this scale open by ± 0.0067 (95 %): 0.011 hidden are three of its own σ.",
     "spring_cubic.front+sensor_gain.hub.fl": "The spring is found; the scale as under sensor_gain.hub.fl.",
 }
 """What is known of why a case is missed, by its name."""
@@ -272,9 +272,9 @@ def page(results: Mapping[tuple[str, int], Record]) -> str:
             + ("; what is not run counts for nothing below" if len(records) < len(wanted) else "")
             + (f"; {np.median(seconds):.0f} s of processor time each (median)." if seconds else ".")
             + " Each is a line of [trials.jsonl](../../benchmarks/blind/trials.jsonl).", "",
-            f"Car `{CAMPAIGN.car}` (its sides differ, so that no symmetry hides a fault), rig `{CAMPAIGN.rig}`. Runs of "
-            f"{CAMPAIGN.duration:g} s: {', '.join(CAMPAIGN.used)} used; {', '.join(CAMPAIGN.held)} held out. Each trial "
-            "draws noise, zeros, gains and latencies from the sensor sheet. √λ: how far the effect stands out of the "
+            f"Car `{CAMPAIGN.car}` (its sides differ, so that no symmetry hides a fault), rig `{CAMPAIGN.rig}`. Runs "
+            f"of {CAMPAIGN.duration:g} s: {', '.join(CAMPAIGN.used)} used; {', '.join(CAMPAIGN.held)} held out. Each "
+            "trial draws noise, zeros, gains and latencies from the sensor sheet. √λ: how far the effect stands out of the "
             "noise for an oracle that knows its law, beside model, zeros and sheet. Sensor faults are at least 5 "
             "tolerances.", "",
             "A hit: the truth is proposed first, or tied with the first; \"not testable\" is a miss. Bounds are "
