@@ -33,8 +33,8 @@ HEAD = """# Verdicts with a wrong sensor sheet
 
 `python benchmarks/sheet_factors.py`: the reference car's sine and rough runs, whose noise is that of the sheet, read
 with a sheet that states a half or twice of it. *Nothing missing*: the model is complete, and nothing may be named.
-*Bar missing*: the model lacks the rear anti-roll bar, which must be named. *Reported*: families whose
-sheet lacet calls wrong. The same two runs throughout: it shows what a wrong sheet changes, and not how often noise misleads.
+*Bar missing*: the model lacks the rear anti-roll bar, which must be named. *Reported*: families whose sheet
+lacet calls wrong. The same two runs throughout: it shows what a wrong sheet changes, not how often noise misleads.
 A ground laser on the rough road keeps a wrong sheet: motion reaches the band that shows whether its noise is white."""
 
 

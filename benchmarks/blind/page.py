@@ -274,8 +274,8 @@ def page(results: Mapping[tuple[str, int], Record]) -> str:
             + " Each is a line of [trials.jsonl](../../benchmarks/blind/trials.jsonl).", "",
             f"Car `{CAMPAIGN.car}` (its sides differ, so that no symmetry hides a fault), rig `{CAMPAIGN.rig}`. Runs "
             f"of {CAMPAIGN.duration:g} s: {', '.join(CAMPAIGN.used)} used; {', '.join(CAMPAIGN.held)} held out. Each "
-            "trial draws noise, zeros, gains and latencies from the sensor sheet. √λ: how far the effect stands out of the "
-            "noise for an oracle that knows its law, beside model, zeros and sheet. Sensor faults are at least 5 "
+            "trial draws noise, zeros, gains and latencies from the sensor sheet. √λ: how far the effect stands out of "
+            "the noise for an oracle that knows its law, beside model, zeros and sheet. Sensor faults are at least 5 "
             "tolerances.", "",
             "A hit: the truth is proposed first, or tied with the first; \"not testable\" is a miss. Bounds are "
             "one-sided 95 % (Clopper–Pearson). Trials of a cell share its motion, "
