@@ -15,7 +15,7 @@ ENOUGH, GOAL = 0.85, 0.80
 INTRODUCTION = """\
 An unlisted law of the suspension (a function of travel and rate of the wheel or of both wheels of the axle, or with a
 state of its own) acts in the simulator at an axle or a wheel of a car that no other trial has (`benchmarks/fresh`),
-with 60 to 180 N RMS on the run on which it is largest, spring and damper left out. lacet gets tables of three runs of 12
+with 60 to 180 N RMS on the run on which it is largest, spring and damper apart. lacet gets tables of three runs of 12
 to 16 s (sinus, braking, rough), rig and vehicle file, and looks for a formula in the rows that fail.
 
 *blocks*: part of what is above the noise floor in its rows that the formula printed first explains in blocks of the
