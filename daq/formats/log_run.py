@@ -46,21 +46,18 @@ def build_run(
     blocks: Mapping[str, Block],
     damage: Sequence[str] = (),
     events: Sequence[RunEvent] = (),
+    start_ns: int | None = None,
 ) -> Run:
-    """A run from decoded blocks by channel, at least one with samples, their start record, and what happened."""
+    """A run from decoded blocks by channel, at least one with samples, their start record, and what happened.
+
+    `start_ns` : where its time begins [ns since the Unix epoch]; None for the earliest sample.
+    """
     problems = [*damage, *(f"the raw log was damaged: {line}" for line in start.extra.get("damage", "").splitlines())]
     problems += start.extra.get("imported", "").splitlines()
     rig = _rig(name, start, problems)
-    kept = dict(blocks)
-    stamps: dict[str, np.ndarray] = {}
-    for channel, block in blocks.items():
-        sensor = rig.sensor_of(channel) if rig else None
-        stamps[channel] = block.t_ns
-        if sensor is not None and sensor.clock == "device":
-            stamps[channel], kept[channel] = _on_device_clock(block, problems)
-        elif sensor is not None and sensor.clock == "steady":
-            stamps[channel], kept[channel] = _at_steady_rate(block, problems)
-    start_ns = min(int(t.min()) for t in stamps.values() if len(t))
+    stamps, kept = _stamped(rig, blocks, problems)
+    if start_ns is None:
+        start_ns = _earliest(stamps)
     remedies = {
         channel: ' (clock = "device" in the rig would part them)'
         for channel, block in blocks.items()
@@ -89,6 +86,32 @@ def build_run(
         problems=tuple(problems),
         marks=tuple(Mark((e.t_ns - start_ns) / 1e9, e.text) for e in events if e.kind == EventKind.MARK),
     )
+
+
+def begin_ns(start: StartRecord, blocks: Mapping[str, Block]) -> int:
+    """Where the time of the run of these blocks begins (`build_run`) [ns since the Unix epoch]."""
+    problems: list[str] = []
+    return _earliest(_stamped(_rig("", start, problems), blocks, problems)[0])
+
+
+def _earliest(stamps: Mapping[str, np.ndarray]) -> int:
+    return min(int(t.min()) for t in stamps.values() if len(t))
+
+
+def _stamped(
+    rig: Rig | None, blocks: Mapping[str, Block], problems: list[str]
+) -> tuple[dict[str, np.ndarray], dict[str, Block]]:
+    """Stamps of every channel by the clock that the rig declares, and the blocks with flags where a clock is wrong."""
+    kept = dict(blocks)
+    stamps: dict[str, np.ndarray] = {}
+    for channel, block in blocks.items():
+        sensor = rig.sensor_of(channel) if rig else None
+        stamps[channel] = block.t_ns
+        if sensor is not None and sensor.clock == "device":
+            stamps[channel], kept[channel] = _on_device_clock(block, problems)
+        elif sensor is not None and sensor.clock == "steady":
+            stamps[channel], kept[channel] = _at_steady_rate(block, problems)
+    return stamps, kept
 
 
 def _rig(name: str, start: StartRecord, problems: list[str]) -> Rig | None:

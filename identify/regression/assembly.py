@@ -224,7 +224,7 @@ class Assembly:
         place = run, None if part is self.runs[run] else number
         piece = self._cached(place)
         if piece is None:
-            piece = self._make(*place, part)
+            piece = self.made(*place, part)
             self._keep(piece)
         if piece.number is not None:
             piece = piece.uncached()
@@ -312,7 +312,7 @@ class Assembly:
             for run, drive in enumerate(self.runs)
         )
 
-    def _make(self, run: int, number: int | None, drive: PreparedRun) -> Piece:
+    def made(self, run: int, number: int | None, drive: PreparedRun) -> Piece:
         whole = number is None
         step = drive.recording.filters.step
         matrices: dict[Row, Array] = {row: drive.matrix(self.physics, row)[:, self.keep] for row in drive.rows}

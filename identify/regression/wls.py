@@ -208,10 +208,10 @@ def fit(
     options = options or FitOptions()
     responses, moments = (stored.responses, stored.moments) if stored else (None, None)
     prepared = PreparedRuns(model, tuple(runs), options.zeros, responses, options.seeds, options.payload)
-    return _of(model, options, solve_runs(model, prepared, options, moments, progress))
+    return fit_of(model, options, solve_runs(model, prepared, options, moments, progress))
 
 
-def _of(model: Model, options: FitOptions, found: LinearSolution[PreparedEquations]) -> Fit:
+def fit_of(model: Model, options: FitOptions, found: LinearSolution[PreparedEquations]) -> Fit:
     """The fit of a solution, with the residuals computed at it."""
     assembly, equations = found.runs.assembly, found.runs.equations
     zeros = equations.zeros(found.x, found.sigma)
@@ -243,7 +243,7 @@ def refitted(fitted: Fit, runs: Sequence[PreparedRun], stored: Stored | None = N
     responses, moments = (stored.responses, stored.moments) if stored else (None, None)
     prepared = PreparedRuns(fitted.model, tuple(runs), options.zeros, responses, options.seeds, options.payload)
     found = solve_linear(fitted.model, prepared, options, moments, near=fitted.physics)
-    return _of(fitted.model, options, found)
+    return fit_of(fitted.model, options, found)
 
 
 def extended(fitted: Fit, effects: Sequence[Effect]) -> Fit:
@@ -271,7 +271,7 @@ def with_constant_changes(fitted: Fit) -> Fit:
     options = replace(fitted.options, weights=dict(fitted.sigma), unbias=False)
     prepared = PreparedRuns(model, fitted.runs, options.zeros, shared, options.seeds, options.payload)
     near = np.concatenate([fitted.physics, np.zeros(len(changes))])
-    return _of(model, options, solve_linear(model, prepared, options, near=near))
+    return fit_of(model, options, solve_linear(model, prepared, options, near=near))
 
 
 def _covariances_searched(fitted: Fit) -> tuple[Array, Array]:

@@ -35,6 +35,8 @@ BATCH = 0.05
 batch costs some 6 ms of processor time however few its frames are."""
 MOST_MARKS = 50
 """Most markers that are set within one batch: somebody who asks for more gets no answer."""
+SHOWN_MARKS = 100
+"""Number of the last markers that are in the ledger of each second; the log has them all."""
 
 
 class LiveDecoder(Protocol):
@@ -80,6 +82,7 @@ class Health:
     load : bus → part of the time in which it is busy, at most, where its bit rate is known.
     clock : how the machine's clock is synchronised, in a word or two.
     listened : whether anybody receives the blocks; None without the bus, and before the first block.
+    marks : the last markers that were set, in their order.
     """
 
     seconds: float
@@ -94,6 +97,7 @@ class Health:
     load: Mapping[str, float] = field(default_factory=dict)
     clock: str = ""
     listened: bool | None = None
+    marks: Sequence[RunEvent] = ()
 
 
 @dataclass
@@ -166,6 +170,7 @@ class Recorder:
         self._begun_ns = self._clock.now_ns()
         self._marks: deque[RunEvent] = deque(maxlen=MOST_MARKS)
         self._mark_numbers = itertools.count(1)
+        self._marked: deque[RunEvent] = deque(maxlen=SHOWN_MARKS)
         if publisher is not None:
             publisher.on_mark = self._mark_asked
         self._due = 0.0
@@ -242,6 +247,7 @@ class Recorder:
         while self._marks:
             event = self._marks.popleft()
             self._log.event(event)
+            self._marked.append(event)
             self._notify(f"marker '{event.text}' at {(event.t_ns - self._begun_ns) / 1e9:.1f} s")
 
     def _loop(
@@ -369,6 +375,7 @@ class Recorder:
             self._load.take(span),
             short_synchronisation(synchronisation()),
             None if self._publisher is None else self._publisher.listened,
+            tuple(self._marked),
         )
         if self._publisher is not None:
             try:
@@ -418,4 +425,5 @@ def _ledger(health: Health, counts: Losses) -> dict[str, Any]:
             name: {"state": status.state.value, "detail": status.detail, "channels": list(status.channels)}
             for name, status in health.sensors.items()
         },
+        "marks": [{"t_ns": mark.t_ns, "text": mark.text} for mark in health.marks],
     }

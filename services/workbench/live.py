@@ -23,6 +23,7 @@ from lacet.daq.errors import LacetError, UsageError, nearest
 from lacet.daq.formats.result import plain
 from lacet.daq.formats.wire import StartRecord, WireError, block_from_bytes, start_from_bytes
 from lacet.daq.rig import Rig
+from lacet.services.acquisition.live_samples import marks_set, sensor_states
 from lacet.services.workbench.events import Events
 from lacet.services.workbench.live_curves import LiveCurve
 from lacet.services.workbench.packed_arrays import packed
@@ -85,7 +86,8 @@ class Live:
                     "run": self._run or None, "rig": self._car or None, "recording": recording, **self._about,
                     "channels": [self._channel(name, heard, now) for name, heard in sorted(self._heard.items())],
                     "losses": self._ledger.get("losses", {}), "down": self._ledger.get("down", []),
-                    "seconds": self._ledger.get("seconds"), "sensors": _sensors(self._ledger.get("sensors")),
+                    "seconds": self._ledger.get("seconds"), "sensors": sensor_states(self._ledger),
+                    "marks": marks_set(self._ledger, int(self._about.get("started_ns") or 0)),
                 }
             )  # fmt: skip
 
@@ -214,17 +216,6 @@ class Live:
         heard.blocks.append((end, len(block), flagged))
         while heard.blocks and end - heard.blocks[0][0] > WINDOW * 1e9:
             heard.blocks.popleft()
-
-
-def _sensors(found: Any) -> list[dict[str, str]]:
-    """Name, state and detail of each sensor, as the recorder says; what is not in that form is left out."""
-    if not isinstance(found, dict):
-        return []
-    return [
-        {"name": str(name)[:80], "state": str(one.get("state", ""))[:20], "detail": str(one.get("detail", ""))[:200]}
-        for name, one in found.items()
-        if isinstance(one, dict)
-    ]
 
 
 def _promised(start: StartRecord) -> list[str]:

@@ -177,9 +177,7 @@ def load(
             warnings.append(f"left out: {error}")
     if not ready or car is None or sensors is None:
         raise failed[0]
-    ready = _assuming_only_what_none_measures(ready)
-    levels = quietest([one.noise for one in ready])
-    ready = [one.with_noise(levels) for one in ready]
+    ready, levels = in_common(ready)
     drives = tuple(one.prepared for one in ready)
     references = {drive.recording.reference for drive in drives}
     if len(references) > 1:
@@ -221,6 +219,13 @@ def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, w
             f"{run.name}: no row of the equations can be formed: {no_rows(drive.measured_rows.left_out)}"
         )
     return ReadyRun(run, drive, not (recorded or doubts or moved), _noise_in_rows(run, drive))
+
+
+def in_common(ready: Sequence[ReadyRun]) -> tuple[list[ReadyRun], tuple[NoiseLevel, ...]]:
+    """Runs with the noise that they have in common, and without assumptions where one of them measures; that noise."""
+    ready = _assuming_only_what_none_measures(ready)
+    levels = quietest([one.noise for one in ready])
+    return [one.with_noise(levels) for one in ready], tuple(levels)
 
 
 def _assuming_only_what_none_measures(ready: Sequence[ReadyRun]) -> list[ReadyRun]:

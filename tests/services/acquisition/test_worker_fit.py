@@ -3,36 +3,18 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
-from lacet.daq.formats.log import LogReader, LogWriter
 from lacet.services.commands.__main__ import main
-from tests.support.places import HOME
+from tests.support.captures import SINUS, cut
 from tests.support.processes import commands
 from tests.support.rig import free_port
 
-CAPTURE = HOME / "replay_logs" / "anti-roll-bars" / "sinus.mcap"
 SECONDS = 8.0
 
 
-def cut(source: Path, path: Path) -> LogReader:
-    """The first seconds of a capture, by the stamps of its frames."""
-    raw = LogReader(source)
-    end = raw.start.started_ns + int(SECONDS * 1e9)
-    assert raw.stop is not None
-    with LogWriter(path, raw.start) as log:
-        for name in raw.sources():
-            frames = raw.frames(name)
-            log.write_frames(frames[: int((frames.t_ns < end).sum())])
-        log.close(
-            replace(raw.stop, stopped_ns=end, counts={}, losses={}) if hasattr(raw.stop, "stopped_ns") else raw.stop
-        )
-    return raw
-
-
 def test_a_worker_in_an_empty_folder_gets_the_same_fit_though_5_percent_of_the_live_blocks_never_came(tmp_path: Path):
-    raw = cut(CAPTURE, tmp_path / "capture.mcap")
+    raw = cut(SINUS, tmp_path / "capture.mcap", SECONDS)
     (tmp_path / "rig.toml").write_text(raw.start.rig_text, encoding="utf-8")
     (tmp_path / "vehicle.toml").write_text(raw.start.vehicle_text, encoding="utf-8")
     router = f"tcp/127.0.0.1:{free_port()}"

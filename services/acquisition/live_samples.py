@@ -1,0 +1,144 @@
+"""Samples of a run while it is recorded: its blocks from the bus in memory, with those missed asked for."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import Any
+
+from lacet.daq.blocks import Block
+from lacet.daq.bus.listener import BusListener, Message, unpack_blocks
+from lacet.daq.bus.marks import mark_text
+from lacet.daq.bus.session import Keys
+from lacet.daq.bus.spool import BLOCK_RATE, MOST_BLOCKS
+from lacet.daq.channels import CHANNELS
+from lacet.daq.formats.wire import StartRecord, WireError, block_from_bytes, start_from_bytes
+from lacet.services.acquisition.assembly import AHEAD, REQUEST
+
+
+@dataclass
+class _Channel:
+    """Blocks of one channel by number; `end` is one past the last that was heard."""
+
+    blocks: dict[int, Block] = field(default_factory=dict[int, Block])
+    end: int = 0
+
+
+class LiveSamples:
+    """The run that is recorded at present, as far as it has come over the bus; a new run takes the place of the last.
+
+    Attributes
+    ----------
+    start : its start record; None before it came.
+    recording : whether its recorder is there.
+    latest_ns : stamp of its newest sample [ns].
+    ledger : rates, losses and states of the sensors in the last second, as the recorder says.
+    """
+
+    def __init__(self, listener: BusListener):
+        self._listener = listener
+        self.keys: Keys | None = None
+        self._forget(None)
+
+    def _forget(self, keys: Keys | None) -> None:
+        self.keys = keys
+        self.start: StartRecord | None = None
+        self.recording = False
+        self.latest_ns = 0
+        self.ledger: dict[str, Any] = {}
+        self._channels: dict[str, _Channel] = {}
+        self._wanted: list[tuple[str, int, int]] = []
+        self._asked: tuple[str, int] | None = None
+
+    def blocks(self, from_ns: int = 0) -> dict[str, Block]:
+        """Channel → its samples in the order of their blocks, without blocks that end before `from_ns` [ns]."""
+        out: dict[str, Block] = {}
+        for name, channel in self._channels.items():
+            parts: list[Block] = []
+            for number in sorted(channel.blocks, reverse=True):
+                if int(channel.blocks[number].t_ns[-1]) < from_ns:
+                    break
+                parts.append(channel.blocks[number])
+            if parts:
+                out[name] = Block.concat(reversed(parts))
+        return out
+
+    def take(self, message: Message) -> None:
+        """Process a message of the bus; what cannot be read, or is of another run than the present one, is left out."""
+        if message.kind in ("alive", "start") and message.keys != self.keys:
+            self._forget(message.keys)
+        if message.keys != self.keys:
+            return
+        try:
+            if message.kind == "alive":
+                self.recording = True
+            elif message.kind == "start":
+                self.start = self.start or start_from_bytes(message.payload)
+            elif message.kind == "block":
+                self.recording = True
+                self._take_live(message)
+            elif message.kind == "blocks":
+                for number, body in unpack_blocks(message):
+                    self._store(message.name, number, block_from_bytes(body)[0])
+            elif message.kind == "answered":
+                self._asked = None
+            elif message.kind == "ledger":
+                found = json.loads(message.payload)
+                self.ledger = found if isinstance(found, dict) else {}
+            elif message.kind in ("gone", "manifest"):
+                self.recording = False
+        except (WireError, ValueError, RecursionError):
+            pass
+        self._ask()
+
+    def _take_live(self, message: Message) -> None:
+        block, number = block_from_bytes(message.payload)
+        if (block.channel, number) != (message.name, message.sequence) or not len(block) or self.start is None:
+            return
+        if number > AHEAD + BLOCK_RATE * 1e-9 * abs(int(block.t_ns[-1]) - self.start.started_ns):
+            return
+        end = self._channels.setdefault(message.name, _Channel()).end
+        for first in range(end, number, REQUEST):
+            self._wanted.append((message.name, first, min(first + REQUEST, number) - 1))
+        self._store(message.name, number, block)
+        self.latest_ns = max(self.latest_ns, int(block.t_ns[-1]))
+
+    def _store(self, name: str, number: int, block: Block) -> None:
+        if name in CHANNELS and block.channel == name and len(block) and 0 <= number < MOST_BLOCKS:
+            channel = self._channels.setdefault(name, _Channel())
+            channel.blocks[number] = block
+            channel.end = max(channel.end, number + 1)
+
+    def _ask(self) -> None:
+        """Ask for what was missed, one request at a time."""
+        if self._asked is None and self._wanted and self.keys is not None:
+            name, first, last = self._wanted.pop(0)
+            self._asked = name, first
+            self._listener.ask_blocks(self.keys, name, first, last)
+
+    @property
+    def whole(self) -> bool:
+        """Whether nothing that was missed is still being asked for."""
+        return self._asked is None and not self._wanted
+
+
+def sensor_states(ledger: dict[str, Any]) -> list[dict[str, str]]:
+    """Name, state and detail of each sensor in a recorder's ledger; what is not in that form is left out."""
+    found = ledger.get("sensors")
+    if not isinstance(found, dict):
+        return []
+    return [
+        {"name": str(name)[:80], "state": str(one.get("state", ""))[:20], "detail": str(one.get("detail", ""))[:200]}
+        for name, one in found.items()
+        if isinstance(one, dict)
+    ]
+
+
+def marks_set(ledger: dict[str, Any], started_ns: int) -> list[dict[str, Any]]:
+    """Text and seconds since the run's start of each marker in a recorder's ledger; what is none is left out."""
+    found = ledger.get("marks")
+    return [
+        {"text": mark_text(str(one["text"])), "seconds": 1e-9 * (one["t_ns"] - started_ns)}
+        for one in (found if isinstance(found, list) else [])
+        if isinstance(one, dict) and "text" in one and isinstance(one.get("t_ns"), int)
+    ]

@@ -1,0 +1,88 @@
+"""The live fit in words: what each parameter still needs, and the text of a terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from lacet.services.render.tables import number, table
+
+SHORT = 60.0
+"""Time up to which seconds are said as such; longer ones in minutes [s]."""
+LONG = 3600.0
+"""Time from which on it is said to be hours, without a number [s]."""
+
+
+def still_needed(seconds: float, least: float) -> str:
+    """What a parameter needs: ``enough``, the time of driving as so far, or why no time will do.
+
+    Parameters
+    ----------
+    seconds : how much longer to drive [s]; infinite where it never is enough.
+    least : half interval ÷ value after endless driving of the same kind.
+    """
+    if seconds <= 0.0:
+        return "enough"
+    if math.isinf(seconds):
+        return f"not by more of the same: ± {percent(least)} at best"
+    if seconds > LONG:
+        return "hours more"
+    return f"{seconds:.0f} s more" if seconds <= SHORT else f"{seconds / 60.0:.0f} min more"
+
+
+def percent(part: float) -> str:
+    """A part in per cent, to two digits."""
+    if not math.isfinite(part):
+        return "–"
+    value = 100.0 * part
+    return f"{value:.0f} %" if value >= 10.0 else f"{value:.2g} %"
+
+
+def state_line(found: Mapping[str, Any]) -> str:
+    """One line: how far the fit is, how far behind the newest sample, and what it is of."""
+    if found["why"]:
+        return str(found["why"])
+    how = "from scratch" if found["from_scratch"] else f"sums since {found['since']:.0f} s"
+    text = f"{found['seconds']:.0f} s fitted ({how}), {found['behind']:.1f} s behind; "
+    failing = [row["row"] for row in found["rows"] if row["fails"]]
+    rows = f"failing: {', '.join(failing)}" if failing else "no row fails"
+    return f"{text}{found['enough']} of {len(found['parameters'])} parameters enough; {rows}"
+
+
+def screen(found: Mapping[str, Any]) -> str:
+    """All of it for a terminal: sensors, losses, markers, error ÷ floor by row, parameters."""
+    head = f"{found['run_id'] or 'no recording is heard'}" + ("" if found["recording"] else " (not recording)")
+    lines = [f"{head}: {state_line(found)}"]
+    if found["sensors"]:
+        lines.append("  " + "; ".join(_sensor(one) for one in found["sensors"]))
+    if found["losses"]:
+        lines.append(f"  LOST {found['losses']}")
+    if found["marks"]:
+        lines.append(
+            "  markers: " + ", ".join(f"{one['text']} at {one['seconds']:.1f} s" for one in found["marks"][-5:])
+        )
+    if found["rows"]:
+        rows = [
+            [one["row"], f"{one['ratio']:.2f}", "fails" if one["fails"] else ""]
+            for one in sorted(found["rows"], key=lambda one: -one["ratio"])
+        ]
+        lines += ["", table(["error ÷ floor", "", ""], rows)]
+    if found["parameters"]:
+        cells = [
+            [
+                one["name"], one["answer"], number(one["value"], one["half95_sheet"]),
+                f"± {number(one['half95_sheet'], one['half95_sheet'])}", one["unit"], percent(one["relative"]),
+            ]
+            for one in found["parameters"]
+        ]  # fmt: skip
+        head_cells = ["parameter", f"± {percent(found['target'])}", "value", "95 %", "unit", "± %"]
+        lines += ["", table(head_cells, cells, text_columns=2)]
+    if found["not_identifiable"]:
+        names = ", ".join(one["name"] for one in found["not_identifiable"])
+        lines += ["", f"  not identifiable so far: {names}"]
+    return "\n".join(lines)
+
+
+def _sensor(one: Mapping[str, str]) -> str:
+    return one["name"] if one["state"] == "running" else f"{one['name']} {one['state'].upper()}"

@@ -1,0 +1,161 @@
+"""Follower of a recording: takes its samples from the bus and fits the present model to them each second."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+from lacet.daq.bus.listener import BusListener
+from lacet.daq.errors import LacetError
+from lacet.daq.formats.result import plain
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
+from lacet.identify.regression.model import Model
+from lacet.identify.validation.score import fails
+from lacet.services.acquisition.live_samples import LiveSamples, marks_set, sensor_states
+from lacet.services.render.identifiability import unidentified
+from lacet.services.render.live_fit import still_needed
+from lacet.services.render.live_line import lost_text
+from lacet.services.render.value_names import parameter_name
+from lacet.services.workspace.live_fit import LiveFit, LiveResult, ModelOf
+from lacet.services.workspace.study import Study
+
+LISTENED = 0.2
+"""Longest time of taking messages in a turn [s]."""
+
+
+def model_of_study(folder: Path | None, added: tuple[str, ...] = ()) -> ModelOf:
+    """The present model of a study, and effects added to it; of none, or one without versions, the base model."""
+    study = None if folder is None else Study.open(folder)
+
+    def model(vehicle: Vehicle, reference: str) -> Model:
+        if study is not None and study.versions():
+            known, effects = study.effects(reference), study.model(study.version(), reference).effects
+        else:
+            known, effects = catalogue(vehicle, reference), tuple(base_model(vehicle, reference))
+        return Model.of([*effects, *(find_effect(key, known) for key in added)])
+
+    return model
+
+
+class LiveFollower:
+    """What is known of the recording that a listener hears, second by second.
+
+    Parameters
+    ----------
+    listener : to the bus.
+    model_of : the model that is fitted.
+    target : half of the 95 % interval with the sensor sheet ÷ value that is enough.
+    """
+
+    def __init__(self, listener: BusListener, model_of: ModelOf, target: float):
+        self._listener, self._model_of, self._target = listener, model_of, target
+        self._samples = LiveSamples(listener)
+        self._fit: LiveFit | None = None
+        self._run = ""
+        self._seconds = 0
+        self._heard = 0.0
+        self._result: LiveResult | None = None
+        self._why = "no recording is heard yet"
+        self.over = False
+        """Whether a run was heard and its recorder is gone."""
+
+    def close(self) -> None:
+        """End the fit."""
+        if self._fit is not None:
+            self._fit.close()
+
+    def turn(self, timeout: float) -> dict[str, Any] | None:
+        """Take what has come within `timeout` [s]; what is known of the next whole second, None where there is none."""
+        message = self._listener.get(timeout)
+        for _ in range(2000):
+            if message is None:
+                break
+            self._samples.take(message)
+            message = self._listener.get(0.0)
+        self._heard = time.monotonic()
+        samples = self._samples
+        self.over = bool(samples.start) and not samples.recording
+        if samples.start is None or not samples.latest_ns:
+            return None
+        if samples.start.run_id != self._run:
+            self._begin()
+        if self._fit is None or (not samples.whole and not self._seconds):
+            return None
+        seconds = self._fit.seconds_there(samples)
+        if seconds <= self._seconds:
+            return None
+        self._seconds = seconds
+        try:
+            self._result, self._why = self._fit.update(samples, seconds), ""
+        except LacetError as error:
+            self._why = " ".join(str(error).split())[:300]
+        return self.state()
+
+    def _begin(self) -> None:
+        self.close()
+        assert self._samples.start is not None
+        self._run, self._seconds, self._result, self._fit = self._samples.start.run_id, 0, None, None
+        try:
+            self._fit = LiveFit(self._samples.start, self._model_of, self._target)
+        except LacetError as error:
+            self._why = " ".join(str(error).split())[:300]
+
+    def state(self) -> dict[str, Any]:
+        """What is known at present, as plain data (``docs/json.md``, ``live``)."""
+        samples, found = self._samples, self._result
+        begun = samples.start.started_ns if samples.start else 0
+        ledger = samples.ledger
+        losses = ledger.get("losses")
+        out: dict[str, Any] = {
+            "run_id": self._run,
+            "recording": samples.recording,
+            "target": self._target,
+            "why": self._why,
+            "sensors": sensor_states(ledger),
+            "losses": lost_text(losses) if isinstance(losses, dict) else "",
+            "marks": marks_set(ledger, begun),
+            "seconds": None, "behind": None, "from_scratch": False, "since": None, "took": None,
+            "rows": [], "parameters": [], "enough": 0, "not_identifiable": [],
+        }  # fmt: skip
+        if found is not None:
+            out |= fit_state(found)
+            # The newest sample heard, and the time that has gone by since.
+            out["behind"] = 1e-9 * (samples.latest_ns - begun) + time.monotonic() - self._heard - found.seconds
+        return dict(plain(out))
+
+
+def fit_state(found: LiveResult) -> dict[str, Any]:
+    """A result of the live fit as plain data."""
+    parameters: list[dict[str, Any]] = []
+    for one, half, least, seconds in zip(
+        found.estimates, found.enough.half, found.enough.least, found.enough.seconds, strict=True
+    ):
+        if one.identifiable:
+            words, symbol = parameter_name(one.name, one.effect)
+            parameters.append(
+                {
+                    "name": one.name, "words": words, "symbol": symbol, "effect": one.effect, "value": one.value,
+                    "unit": one.unit, "half95_sheet": one.half_sheet, "relative": half, "least": least,
+                    "seconds_needed": seconds, "answer": still_needed(float(seconds), float(least)),
+                }
+            )  # fmt: skip
+    return {
+        "seconds": found.seconds,
+        "from_scratch": found.from_scratch,
+        "since": found.since,
+        "took": found.took,
+        "rows": [
+            {
+                "row": str(row), "unit": score.unit, "rms": score.rms, "floor": score.floor, "ratio": score.ratio,
+                "fails": fails(score.ratio),
+            }
+            for row, score in found.scores.items()
+        ],
+        "parameters": parameters,
+        "enough": sum(one["seconds_needed"] == 0.0 for one in parameters),
+        "not_identifiable": [
+            {"name": one.name, "why": unidentified(one.why)} for one in found.estimates if not one.identifiable
+        ],
+    }  # fmt: skip

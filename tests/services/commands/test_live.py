@@ -1,0 +1,89 @@
+"""`lacet live` beside a recording: one that is killed changes nothing, one that comes late catches up."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lacet.daq.formats.log import LogReader
+from lacet.daq.formats.open_run import open_run
+from lacet.services.commands.__main__ import main
+from tests.services.commands.test_json import conforms
+from tests.support.captures import SINUS, cut
+from tests.support.processes import Command, commands
+from tests.support.rig import free_port
+
+SECONDS = 9.0
+
+
+def seen(live: Command) -> list[dict[str, Any]]:
+    """What it has said, second by second."""
+    return [json.loads(line) for line in live.text().splitlines() if line.startswith('{"run_id"')]
+
+
+def test_a_killed_fit_leaves_the_recording_whole_and_a_late_one_has_it_all(tmp_path: Path):
+    raw = cut(SINUS, tmp_path / "capture.mcap", SECONDS)
+    (tmp_path / "rig.toml").write_text(raw.start.rig_text, encoding="utf-8")
+    (tmp_path / "vehicle.toml").write_text(raw.start.vehicle_text, encoding="utf-8")
+    router = f"tcp/127.0.0.1:{free_port()}"
+    to = [word for i in range(2) for word in ("--to", f"can{i}=multicast:{free_port()}")]
+    to += ["--to", f"udp0=udp:127.0.0.1:{free_port()}"]
+    with commands() as running:
+        first = Command("live", "--connect", router, "--lines", cwd=tmp_path)
+        replay = Command("replay", "capture.mcap", "--endpoints", "wires.json", "--wait", 30, *to, cwd=tmp_path)
+        record = Command(
+            "record", "--rig", "rig.toml", "--vehicle", "vehicle.toml", "-o", "log.mcap", "--endpoints", "wires.json",
+            "--listen", router, "--until-idle", 1, "--brakes", "off", "--ack-wait", 0, "--json", "record.json",
+            cwd=tmp_path,
+        )  # fmt: skip
+        running += [first, replay, record]
+        first.wait_for('"seconds": 3.0', 40.0)
+        first.process.kill()  # as kill -9: no word of farewell
+        late = Command("live", "--connect", router, "--once", "--lines", "--json", "live.json", cwd=tmp_path)
+        running.append(late)
+        assert main(["mark", "slalom begins", "--connect", router]) == 0
+        assert replay.wait(60) == 0, replay.text()
+        assert record.wait(60) == 0, record.text()
+        assert late.wait(30) == 0, late.text()
+    assert json.loads((tmp_path / "record.json").read_text(encoding="utf-8"))["losses"] == {}
+    recorded, sent = LogReader(tmp_path / "log.mcap"), LogReader(tmp_path / "capture.mcap")
+    assert recorded.damage == []
+    for source in sent.sources():
+        np.testing.assert_array_equal(recorded.frames(source).data, sent.frames(source).data)
+    assert [mark.text for mark in open_run(tmp_path / "log.mcap").marks] == ["slalom begins"]
+    found = conforms(tmp_path / "live.json", "live")
+    assert found["seconds"] >= SECONDS - 1.5
+    assert [mark["text"] for mark in found["marks"]] == ["slalom begins"]
+    assert {one["name"] for one in found["sensors"]} == {"wheels", "lasers", "imu", "cameras", "correvit"}
+    assert max(one["behind"] for one in seen(late)[3:]) < 3.0
+    assert {one["row"] for one in found["rows"] if one["fails"]} >= {"suspension.fl", "suspension.rr"}
+    # Stamps of the whole log's clocks differ by microseconds, and noise is drawn anew (equality: test_live_fit.py).
+    last = seen(late)[-1]
+    until = str(int(last["seconds"]))
+    assert main(["identify", str(tmp_path / "log.mcap"), "--to", until, "--json", str(tmp_path / "fit.json")]) == 0
+    fitted = json.loads((tmp_path / "fit.json").read_text(encoding="utf-8"))
+    same = {one["name"]: one for one in fitted["parameters"]}
+    for one in last["parameters"]:
+        if one["name"].startswith(("spring", "tyre_stiffness")):
+            wanted = same[one["name"]]
+            assert abs(one["value"] - wanted["value"]) < 0.2 * wanted["half95_sheet"], one["name"]
+            assert one["half95_sheet"] == pytest.approx(wanted["half95_sheet"], rel=0.1), one["name"]
+            assert (one["answer"] == "enough") == (one["half95_sheet"] <= 0.02 * one["value"])
+    assert last["enough"] >= 4
+    ratios = {one["row"]: one["ratio"] for one in last["rows"]}
+    assert ratios == pytest.approx(
+        {row: score["ratio"] for row, score in fitted["rows"]["used"]["log"].items()}, rel=0.1
+    )
+
+
+def test_what_cannot_be_followed_is_said(capsys: pytest.CaptureFixture[str]):
+    assert main(["live", "--target", "0"]) == 2
+    assert main(["live", "no such study"]) == 2
+    assert main(["live", "--connect", "tls/10.0.0.7:7447"]) == 2
+    text = capsys.readouterr().err
+    for part in ("--target 0", "no such study", "keys"):
+        assert part in text
