@@ -202,9 +202,8 @@ below 1e-10 of the largest entry. The first table is in processor time.
 FOOT = """Two threads by the clock need two free cores; their processor time says what they cost beyond one thread's.
 
 A whole regressor is 141 kB a state, most of it zeros. Where whole results are kept, most of the time is the system's,
-for giving out memory that is zero: no way to fill it is faster than the row of the memory alone, so that the kept whole
-one is compared with the loop that keeps its results too. A loop that drops them writes to the same 141 kB again and
-again. The row "into the same array" does so too (`out=`), and the packed form has few zeros to write."""
+for giving out zeroed memory (the row of the memory alone); so it is compared with the loop that keeps its results. A
+loop that drops them writes to the same 141 kB again and again, as `out=` does; the packed form has few zeros to write."""
 
 
 if __name__ == "__main__":

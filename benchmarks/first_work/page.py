@@ -27,12 +27,10 @@ from benchmarks.first_work.sides import HOME, Side
 PAGE = HOME / "docs" / "benchmarks" / "first-work.md"
 TEXT = """# How long one waits
 
-Written by `python -m benchmarks.first_work --write` (`make first-work`), which rebuilds this page and goes on where it
-was cut off. Then is commit {then}, now {now}. Both were laid out beside each other and run in turns by the same
-Python and packages, each command a process of its own, with compiled bytecode. Seconds are of processor time, user and
-system, the smallest of the rounds, beyond start-up where not said otherwise; start-up is the same command asked for a
-study or run that is not there. Caches of the study are cold where not said otherwise. No variable limits the threads of
-linear algebra from outside: both commits limit them to one themselves, once their packages are imported.
+Written by `make first-work`, which goes on where it was cut off. Then is commit {then}, now {now}, in turns by the same
+Python and packages, each command a process of its own with compiled bytecode. Seconds are processor time, the smallest
+of the rounds, beyond start-up (the same command asked for a study or run that is not there) and with a cold cache of
+the study, where not said otherwise. Linear algebra has one thread in both.
 
 {when}
 

@@ -70,15 +70,11 @@ def text(found: Found) -> tuple[str, bool]:
 
 HEAD = """# How fast the workbench draws
 
-Written by `python -m benchmarks.workbench_draw --write`; the workbench itself serves runs and page. Limits, which the
-worst of ten has to keep: 0.5 s for the first draw, 100 ms for a zoom of all linked plots. Times run from the user's
-action to the frame after the one in which the picture was drawn, so that each holds at least one frame (17 ms) of
-waiting; the first draw begins with the question to the server. The reference load is a fixed loop in the page: where it
-takes longer than usual, the machine was at work on something else. CPU is the time the page's main thread was at work,
-which depends on that much less.
+Written by `python -m benchmarks.workbench_draw --write`. Limits for the worst of ten: 0.5 s for the first draw, 100 ms
+for a zoom of all linked plots. Times run from the user's action (of the first draw from the question to the server) to
+the frame after the one in which the picture was drawn, so that each holds at least 17 ms of waiting. The reference load
+is a fixed loop in the page, which is slower when the machine is busy; CPU is the time of the page's main thread.
 """
-FOOT = """What is asked for first is an overview, the lowest and the highest of each block of samples
-(`services/workbench/run_channels.py`), made and stored when the run is first listed; all channels come in one answer.
-The plots are drawn from it; all samples follow in a second answer, and zooming asks the server nothing
-([decision](../decisions/channels-on-the-page.md)). Plots out of sight (more than 400 px away) are drawn when the
-browser has nothing else to do, or when they are scrolled to."""
+FOOT = """The plots are first drawn from an overview, all channels in one answer; all samples follow in a second one
+([decision](../decisions/channels-on-the-page.md)). Plots more than 400 px out of sight are drawn when the browser is
+idle, or when they are scrolled to."""
