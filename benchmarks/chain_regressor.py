@@ -203,7 +203,7 @@ FOOT = """Two threads by the clock need two free cores; their processor time say
 
 A whole regressor is 141 kB a state, most of it zeros. Where whole results are kept, most of the time is the system's,
 for giving out zeroed memory (the row of the memory alone); so it is compared with the loop that keeps its results. A
-loop that drops them writes to the same 141 kB again and again, as `out=` does; the packed form has few zeros to write."""
+loop that drops them writes to the same 141 kB again and again, as `out=` does; the packed form has few zeros."""
 
 
 if __name__ == "__main__":
