@@ -3,6 +3,7 @@
 Run: ``python -m benchmarks.live``; ``--write`` writes ``docs/benchmarks/live.md`` anew: the full rig for ten minutes
 and three times as fast for one. `lacet replay` sends, `lacet record` records and publishes, this process listens, all
 on one machine. A sample's lateness is the time from the arrival of its last frame at the recorder to its arrival here.
+With ``--fit`` `lacet live` fits beside it, and how far it is behind and what it costs is printed (docs/live.md).
 """
 
 from __future__ import annotations
@@ -49,6 +50,7 @@ class Measured:
     memory : (time [s], resident memory of the recorder [MB]), once a second.
     processor : processor time of the recorder by the time recorded.
     load : load average of the machine, from before to after.
+    behind : of the live fit, in each of its seconds [s]; `fit_processor` as `processor`, `fit_memory` its largest [MB].
     """
 
     speed: float
@@ -60,6 +62,9 @@ class Measured:
     memory: list[tuple[float, float]] = field(default_factory=list)
     processor: float = 0.0
     load: tuple[float, float] = (0.0, 0.0)
+    behind: list[float] = field(default_factory=list)
+    fit_processor: float = 0.0
+    fit_memory: float = 0.0
 
     @property
     def growth(self) -> float:
@@ -73,19 +78,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--write", action="store_true", help="write docs/benchmarks/live.md")
     parser.add_argument("--runs", default="3x60,1x600", help="SPEEDxSECONDS of each recording (3x60,1x600)")
+    parser.add_argument("--fit", action="store_true", help="with the live fit beside each recording")
     args = parser.parse_args()
     found: list[Measured] = []
     for run in args.runs.split(","):
         speed, seconds = map(float, run.split("x"))
-        found.append(measure(speed, seconds))
+        found.append(measure(speed, seconds, args.fit))
         print(row(found[-1]), flush=True)
+        if args.fit:
+            print(fit_row(found[-1]), flush=True)
     text = page(found)
     if args.write:
         PAGE.write_text(text, encoding="utf-8")
 
 
-def measure(speed: float, seconds: float) -> Measured:
-    """One recording of so many seconds of a full rig, sent `speed` times as fast."""
+def measure(speed: float, seconds: float, fit: bool = False) -> Measured:
+    """One recording of so many seconds of a full rig, sent `speed` times as fast; `fit` : with the live fit beside."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_long(folder / "capture.mcap", int(speed * seconds * 1e9))
@@ -94,10 +102,10 @@ def measure(speed: float, seconds: float) -> Measured:
         (folder / "vehicle.toml").write_text(start.vehicle_text, encoding="utf-8")
         for document, text in start.documents.items():
             (folder / document).write_text(text, encoding="utf-8")
-        return _recorded(folder, speed, seconds)
+        return _recorded(folder, speed, seconds, fit)
 
 
-def _recorded(folder: Path, speed: float, seconds: float) -> Measured:
+def _recorded(folder: Path, speed: float, seconds: float, fit: bool) -> Measured:
     out = Measured(speed, seconds)
     before = os.getloadavg()[0]
     endpoint = f"tcp/127.0.0.1:{free_port()}"
@@ -114,9 +122,14 @@ def _recorded(folder: Path, speed: float, seconds: float) -> Measured:
         recorder = subprocess.Popen(record, cwd=folder, env=env, stdout=said, stderr=said)
         watched = threading.Thread(target=_watch, args=(recorder, out))
         watched.start()
+        follower = threading.Thread(target=_fit_beside, args=(folder, endpoint, env, out))
+        if fit:
+            follower.start()
         _listen(endpoint, recorder, out)
         sender.wait(30)
         watched.join()
+        if fit:
+            follower.join()
     if not (folder / "record.json").exists():
         raise SystemExit((folder / "said.txt").read_text())
     found = json.loads((folder / "record.json").read_text())
@@ -150,6 +163,24 @@ def _listen(endpoint: str, recorder: subprocess.Popen[bytes], out: Measured) -> 
             out.late_ms.extend(((now_ns - block.t_ns) / 1e6).tolist())
     listener.close()
     session.close()
+
+
+def _fit_beside(folder: Path, endpoint: str, env: dict[str, str], out: Measured) -> None:
+    """Follow the recording with `lacet live` until it ends."""
+    command = [sys.executable, "-m", "lacet", "live", "--connect", endpoint, "--lines", "--once"]
+    follower = subprocess.Popen(command, cwd=folder, env=env, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    usage = Measured(out.speed, out.seconds)
+    watched = threading.Thread(target=_watch, args=(follower, usage))
+    watched.start()
+    assert follower.stdout is not None
+    seconds: set[float] = set()
+    for line in follower.stdout:
+        found = json.loads(line)
+        if found["seconds"] is not None and found["seconds"] not in seconds:
+            seconds.add(found["seconds"])
+            out.behind.append(found["behind"])
+    watched.join()
+    out.fit_processor, out.fit_memory = usage.processor, max(memory for _, memory in usage.memory)
 
 
 def _watch(recorder: subprocess.Popen[bytes], out: Measured) -> None:
@@ -199,6 +230,15 @@ def row(one: Measured) -> str:
         f"| {one.speed:g} × | {one.seconds:.0f} s | {one.frames:,} | {text} | {median:.0f} ms | {most:.0f} ms "
         f"| {max(one.late_ms):.0f} ms | {one.memory[-1][1]:.0f} MB | {one.growth:+.2f} MB/min "
         f"| {100 * one.processor:.0f} % | {one.load[0]:.1f} → {one.load[1]:.1f} |"
+    )
+
+
+def fit_row(one: Measured) -> str:
+    """What the live fit beside a recording showed."""
+    median, most = np.percentile(one.behind, [50, 100])
+    return (
+        f"live fit of {one.seconds:.0f} s: {len(one.behind)} updates, {median:.1f} s behind in the median, "
+        f"{most:.1f} s at most; processor {100 * one.fit_processor:.0f} %, memory {one.fit_memory:.0f} MB"
     )
 
 

@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import sys
+import time
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -22,13 +23,13 @@ from lacet.daq.bus.session import ROUTER, open_session
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.services.commands.bus_options import add_keys, credentials_of, router_of
-from lacet.services.render.live_fit import screen, state_line
-from lacet.services.workspace.live_follow import LiveFollower, model_of_study
+from lacet.services.render.live_fit import screen
+from lacet.services.workspace.live_follow import TARGET, LiveFollower, model_of_study
 
-TARGET = 2.0
-"""Half of the 95 % interval, the sensor sheet included, that is enough [% of the value]."""
 AGAIN = 2.0
 """Time between attempts to reach the router [s]."""
+IDLE = 2.0
+"""Period of the lines of JSON while nothing is new [s]: whoever reads them no more is noticed."""
 NICE = 10
 """Priority, as of `nice`: a recorder on this machine goes first."""
 
@@ -99,6 +100,8 @@ def run(args: argparse.Namespace) -> int:
                     if found is not None:
                         last = found
                         shown.show(found)
+                    elif args.lines and shown.silent > IDLE:
+                        shown.show(follower.state())
                     if args.once and follower.over and found is None:
                         stop.set()
             finally:
@@ -116,15 +119,22 @@ class _Shown:
     def __init__(self, console: Console, lines: bool):
         self._console, self._lines = console, lines
         self._live = None if lines or not console.is_terminal else Live(console=console, auto_refresh=False)
+        self._shown = time.monotonic()
+
+    @property
+    def silent(self) -> float:
+        """Time since something was shown [s]."""
+        return time.monotonic() - self._shown
 
     def show(self, found: dict[str, Any]) -> None:
         """Show the state of a second."""
+        self._shown = time.monotonic()
         if self._lines:
             print(json.dumps(found, ensure_ascii=False), flush=True)
         elif self._live is not None:
             self._live.update(Text(screen(found)), refresh=True)
         else:
-            print(state_line(found), file=self._console.file, flush=True)
+            print(found["line"], file=self._console.file, flush=True)
 
     def __enter__(self) -> _Shown:
         if self._live is not None:

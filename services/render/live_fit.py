@@ -25,16 +25,16 @@ def still_needed(seconds: float, least: float) -> str:
     if seconds <= 0.0:
         return "enough"
     if math.isinf(seconds):
-        return f"not by more of the same: ± {percent(least)} at best"
+        return f"not by more of the same: {percent(least) if least > 1.0 else f'± {percent(least)}'} at best"
     if seconds > LONG:
         return "hours more"
     return f"{seconds:.0f} s more" if seconds <= SHORT else f"{seconds / 60.0:.0f} min more"
 
 
 def percent(part: float) -> str:
-    """A part in per cent, to two digits."""
-    if not math.isfinite(part):
-        return "–"
+    """A part in per cent, to two digits; what is more than the whole is said as such."""
+    if not part <= 1.0:
+        return "over 100 %"
     value = 100.0 * part
     return f"{value:.0f} %" if value >= 10.0 else f"{value:.2g} %"
 
@@ -44,16 +44,17 @@ def state_line(found: Mapping[str, Any]) -> str:
     if found["why"]:
         return str(found["why"])
     how = "from scratch" if found["from_scratch"] else f"sums since {found['since']:.0f} s"
+    many = len(found["parameters"])
     text = f"{found['seconds']:.0f} s fitted ({how}), {found['behind']:.1f} s behind; "
     failing = [row["row"] for row in found["rows"] if row["fails"]]
     rows = f"failing: {', '.join(failing)}" if failing else "no row fails"
-    return f"{text}{found['enough']} of {len(found['parameters'])} parameters enough; {rows}"
+    return f"{text}{found['enough']} of {many} parameters enough; {rows}"
 
 
 def screen(found: Mapping[str, Any]) -> str:
     """All of it for a terminal: sensors, losses, markers, error ÷ floor by row, parameters."""
     head = f"{found['run_id'] or 'no recording is heard'}" + ("" if found["recording"] else " (not recording)")
-    lines = [f"{head}: {state_line(found)}"]
+    lines = [f"{head}: {found['line']}"]
     if found["sensors"]:
         lines.append("  " + "; ".join(_sensor(one) for one in found["sensors"]))
     if found["losses"]:

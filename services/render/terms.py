@@ -58,6 +58,12 @@ TERMS: dict[str, Term] = {
         "the car.",
         "catalogue.md",
     ),
+    "enough": Term(
+        "enough",
+        "Half of a parameter's 95 % interval with the sheet is at most the target, in per cent of its value. The time "
+        "still needed is that of driving on as until now; gains, latencies and zeros of the sensors set a limit to it.",
+        "live.md",
+    ),
     "interval": Term(
         "95 % interval",
         "The true value lies in it 95 times in 100. With the sheet it also holds the tolerances of the sensors' "

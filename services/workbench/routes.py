@@ -25,6 +25,7 @@ from lacet.services.workbench.force_views import forces_png
 from lacet.services.workbench.formula_views import formula_body
 from lacet.services.workbench.jobs import Job, Jobs
 from lacet.services.workbench.live import Live
+from lacet.services.workbench.live_fit import LiveFitProcess
 from lacet.services.workbench.packed_arrays import MEDIA_TYPE
 from lacet.services.workbench.refusals import NotThere
 from lacet.services.workbench.residual_views import against_payload, spectrum_payload, where_payload
@@ -32,6 +33,7 @@ from lacet.services.workbench.run_channels import RunChannels
 from lacet.services.workbench.run_files import RunFiles, find_run, undecoded, undecoded_record
 from lacet.services.workbench.session_cache import WAIT, SessionCache
 from lacet.services.workbench.value_views import values_payload
+from lacet.services.workspace.live_follow import TARGET
 
 api = APIRouter(prefix="/api")
 _JSON = Annotated[dict[str, Any], Body()]
@@ -47,6 +49,7 @@ class Bench:
     files: RunFiles
     channels: RunChannels
     live: Live
+    live_fit: LiveFitProcess
     most_upload: int
 
 
@@ -247,6 +250,15 @@ def live(request: Request) -> Any:
 def live_curves(request: Request, names: str) -> Response:
     """The last seconds of channels, names separated by commas."""
     return _bytes(bench(request).live.curves(names.split(",")[:40]))
+
+
+@api.post("/live/fit")
+def live_fit(request: Request, body: _JSON) -> Any:
+    """The present state of the live fit, which is begun to a target [%]."""
+    target, b = body.get("target", TARGET), bench(request)
+    if not isinstance(target, int | float):
+        raise UsageError("target: a per cent")
+    return b.live_fit.ask(float(target), b.cache.study.current if b.cache.exists else None)
 
 
 @api.post("/live/mark")

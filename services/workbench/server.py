@@ -28,6 +28,7 @@ from lacet.services.workbench.events import Events, Watch
 from lacet.services.workbench.job_record import JobRecord
 from lacet.services.workbench.jobs import Jobs
 from lacet.services.workbench.live import Live
+from lacet.services.workbench.live_fit import LiveFitProcess
 from lacet.services.workbench.refusals import DiskFull, Refusal
 from lacet.services.workbench.routes import Bench, api
 from lacet.services.workbench.run_channels import RunChannels
@@ -81,13 +82,15 @@ def create_app(settings: Settings) -> FastAPI:
         for capture in undecoded(cache):  # decoding was interrupted with an earlier server
             jobs.submit("decode", {"file": capture.name})
         live, watch = Live(settings.connect, events, settings.credentials), Watch(settings.folder, events)
-        app.state.bench = Bench(cache, jobs, events, files, channels, live, settings.most_upload)
+        live_fit = LiveFitProcess(settings.folder, settings.connect, settings.credentials, events)
+        app.state.bench = Bench(cache, jobs, events, files, channels, live, live_fit, settings.most_upload)
         try:
             yield
         finally:
             events.close()
             watch.close()
             live.close()
+            live_fit.close()
             jobs.close()
 
     app = FastAPI(title="lacet", lifespan=lifespan, docs_url=None, redoc_url=None, openapi_url=None)

@@ -15,14 +15,16 @@ from lacet.identify.regression.model import Model
 from lacet.identify.validation.score import fails
 from lacet.services.acquisition.live_samples import LiveSamples, marks_set, sensor_states
 from lacet.services.render.identifiability import unidentified
-from lacet.services.render.live_fit import still_needed
+from lacet.services.render.live_fit import state_line, still_needed
 from lacet.services.render.live_line import lost_text
 from lacet.services.render.value_names import parameter_name
 from lacet.services.workspace.live_fit import LiveFit, LiveResult, ModelOf
 from lacet.services.workspace.study import Study
 
-LISTENED = 0.2
-"""Longest time of taking messages in a turn [s]."""
+TARGET = 2.0
+"""Half of the 95 % interval, the sensor sheet included, that is enough [% of the value]. Source: a choice."""
+MESSAGES = 2000
+"""Most messages that are taken in a turn."""
 
 
 def model_of_study(folder: Path | None, added: tuple[str, ...] = ()) -> ModelOf:
@@ -69,7 +71,7 @@ class LiveFollower:
     def turn(self, timeout: float) -> dict[str, Any] | None:
         """Take what has come within `timeout` [s]; what is known of the next whole second, None where there is none."""
         message = self._listener.get(timeout)
-        for _ in range(2000):
+        for _ in range(MESSAGES):
             if message is None:
                 break
             self._samples.take(message)
@@ -123,6 +125,7 @@ class LiveFollower:
             out |= fit_state(found)
             # The newest sample heard, and the time that has gone by since.
             out["behind"] = 1e-9 * (samples.latest_ns - begun) + time.monotonic() - self._heard - found.seconds
+        out["line"] = state_line(out)
         return dict(plain(out))
 
 
@@ -153,7 +156,7 @@ def fit_state(found: LiveResult) -> dict[str, Any]:
             }
             for row, score in found.scores.items()
         ],
-        "parameters": parameters,
+        "parameters": sorted(parameters, key=lambda one: one["relative"]),
         "enough": sum(one["seconds_needed"] == 0.0 for one in parameters),
         "not_identifiable": [
             {"name": one.name, "why": unidentified(one.why)} for one in found.estimates if not one.identifiable

@@ -17,7 +17,7 @@ from tests.support.captures import SINUS, cut
 from tests.support.processes import Command, commands
 from tests.support.rig import free_port
 
-SECONDS = 9.0
+SECONDS = 8.0
 
 
 def seen(live: Command) -> list[dict[str, Any]]:

@@ -96,12 +96,16 @@ def test_the_live_car(tmp_path: Path):
                 time.sleep(0.005)
             until(lambda: sum(c["samples"] for c in client.get("/api/live").json()["channels"]) == 400)
             sensors = {"imu": {"state": "running", "channels": ["imu.accel"]}, "laser": {"state": "stuck"}, "x": 7}
-            publisher.put_ledger({"losses": {"can0": {"bus": 2}}, "down": ["udp0"], "seconds": 4.0, "sensors": sensors})
+            marks = [{"t_ns": T0 + 2_500_000_000, "text": "gravel"}, {"text": "no time"}]
+            publisher.put_ledger(
+                {"losses": {"can0": {"bus": 2}}, "down": ["udp0"], "seconds": 4.0, "sensors": sensors, "marks": marks}
+            )
             until(lambda: client.get("/api/live").json()["losses"] == {"can0": {"bus": 2}})
             found = client.get("/api/live").json()
             assert found["down"] == ["udp0"]
             assert (found["run"], found["rig"], found["recording"]) == ("run-1", "my_rig", True)
             assert found["manoeuvre"] == "sinus"
+            assert found["marks"] == [{"text": "gravel", "seconds": 2.5}]
             assert [(one["name"], one["state"]) for one in found["sensors"]] == [("imu", "running"), ("laser", "stuck")]
             head, curves = unpacked(client.get("/api/live/curves?names=imu.accel,wheel.fl.force").content)
             assert head["channels"]["imu.accel"]["unit"] == "m/s²"
@@ -158,6 +162,14 @@ def test_without_a_recorder_it_says_so(tmp_path: Path):
         assert client.get("/api/live").json()["connected"] is False
     with TestClient(create_app(Settings(tmp_path / "new")), base_url=HERE) as client:
         assert client.get("/api/live").json()["endpoint"] is None
+
+
+def test_a_target_that_is_none_is_refused(tmp_path: Path):
+    for connect, target, said in ((None, 2, "--connect"), ("tcp/127.0.0.1:1", 0, "per cent"), (None, "x", "per cent")):
+        with TestClient(create_app(Settings(tmp_path / "new", connect=connect)), base_url=HERE) as client:
+            answer = client.post("/api/live/fit", json={"target": target})
+        assert answer.status_code == 400
+        assert said in answer.json()["error"]
 
 
 def until(true: object, seconds: float = 20.0) -> None:

@@ -34,6 +34,7 @@ const jobs = createJobs({
   },
   onStudy: () => void readStudy(),
   onLive: (live) => notify({ live }),
+  onLiveFit: (liveFit) => notify({ liveFit }),
   onLink: (up) => bar.link(up),
 });
 const bar = createJobBar(document.getElementById("jobs"), {

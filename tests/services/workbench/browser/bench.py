@@ -6,7 +6,7 @@ import base64
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -69,10 +69,10 @@ class Bench:
 
 
 @contextmanager
-def serving(folder: Path, cwd: Path, port: int = 0) -> Iterator[Bench]:
-    """``lacet ui FOLDER`` on a port, 0 for any that is free, as a process of its own."""
+def serving(folder: Path, cwd: Path, port: int = 0, more: Sequence[str] = ()) -> Iterator[Bench]:
+    """``lacet ui FOLDER`` on a port, 0 for any that is free, with `more` arguments, as a process of its own."""
     with commands() as running:
-        server = Command("ui", folder, "--port", port, "--draws", DRAWS, cwd=cwd)
+        server = Command("ui", folder, "--port", port, "--draws", DRAWS, *more, cwd=cwd)
         running.append(server)
         server.wait_for("Ctrl-C", 60.0)
         found = re.search(r"(http://127\.0\.0\.1:\d+)/\?token=\S+", server.text())

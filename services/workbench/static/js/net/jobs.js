@@ -12,7 +12,7 @@ export class Cancelled extends Error {}
 /**
  * Follows the server's events and the jobs started here.
  * @param {{onJobs: (jobs: Object[]) => void, onJob: (job: Object) => void, onStudy: () => void,
- *          onLive: (live: Object) => void, onLink: (up: boolean) => void}} hear `onJobs`: all that the server has open,
+ *          onLive: (live: Object) => void, onLiveFit: (fit: Object) => void, onLink: (up: boolean) => void}} hear `onJobs`: all that the server has open,
  *   in place of what was known before
  */
 export function createJobs(hear) {
@@ -29,6 +29,7 @@ export function createJobs(hear) {
       hear.onStudy();
     });
     source.addEventListener("live", (e) => hear.onLive(JSON.parse(e.data)));
+    source.addEventListener("live-fit", (e) => hear.onLiveFit(JSON.parse(e.data)));
     source.onopen = () => {
       if (lost) hear.onStudy(); // something may have happened meanwhile
       lost = false;

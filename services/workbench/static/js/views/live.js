@@ -2,7 +2,9 @@
 
 import { h } from "../widgets/dom.js";
 import { short } from "../widgets/format.js";
+import { link } from "../charts/linked_axes.js";
 import { timeChart } from "../charts/time_chart.js";
+import { liveFit } from "./live_fit.js";
 
 const LATE = 1.0; // a channel that has not been heard for so long is late [s]
 const SYNC = "live";
@@ -43,6 +45,8 @@ export async function show(root, app) {
   const sensors = h("ul", { class: "sensor-states", hidden: true, "data-testid": "live-sensors" });
   const curves = h("section", { class: "panel live-curves", hidden: true, "data-testid": "live-curves" });
   const charts = new Map();
+  const fit = liveFit(app);
+  let begun = false;
   let asking = false;
   let closed = false;
   root.append(
@@ -56,6 +60,7 @@ export async function show(root, app) {
       }),
     ),
     h("section", { class: "panel" }, head, sum, sensors, marking, marked),
+    fit.element,
     curves,
     h(
       "section",
@@ -114,6 +119,12 @@ export async function show(root, app) {
       sum.textContent = `${live.endpoint ?? ""}: ${channels.length} channels, ${ill ? `${ill} with something wrong` : "all as they should be"}.${lost(live.losses)}${live.down?.length ? ` Not heard at all: ${live.down.join(", ")}.` : ""}`;
     }
     drawSensors(live.sensors ?? []);
+    link(SYNC).setMarks((live.marks ?? []).map(({ seconds, text: label }) => ({ t: seconds, label })));
+    if (live.connected && live.run && !begun) {
+      begun = true;
+      fit.element.hidden = false;
+      void fit.begin();
+    }
     if (!kept.chosen) {
       const heard = channels.filter((c) => c.samples).slice(0, FIRST).map((c) => c.name);
       if (heard.length) kept.chosen = new Set(heard);
@@ -219,6 +230,8 @@ export async function show(root, app) {
   wanted.addEventListener("change", () => last && draw(last));
   const off = app.on((patch) => {
     if (patch.live) draw(patch.live);
+    if (patch.liveFit) fit.update(patch.liveFit);
+    if ("version" in patch && begun) void fit.begin();
   });
   try {
     draw(await app.api.get("api/live"));
