@@ -108,7 +108,8 @@ HEAD = """# Tables 5 to 7 of the paper over seeds: bias and coverage
 over the instruments' bytes and the drivers, and compares the estimates with what was put in. Friction has a band of
 5 mm/s, below the noise of the travel rate (7 mm/s). *Bias* is the mean error over seeds, with its 95 % interval; *z*
 the mean of error ÷ σ, which is 0 ± 2/√n without bias; *held* how often the 95 % interval held the truth, with the
-interval of that share (Clopper and Pearson)."""
+interval of that share (Clopper and Pearson). Each seed is a line of
+[paper_seeds.jsonl](../../benchmarks/paper_seeds.jsonl)."""
 
 ABOUT = {
     "noise": "## Noise, zeros and clocks drawn\n\nThe interval is that of noise and zeros (`95 %`).",
@@ -121,7 +122,7 @@ def _section(kind: str, some: Sequence[dict[str, Any]], goal: int) -> str:
     lines = [
         ABOUT[kind],
         "",
-        f"Seeds measured: {len(some)} of {goal} ({', '.join(str(one['seed']) for one in some)}). v0 found: "
+        f"Seeds measured: {len(some)} of {goal}. v0 found: "
         + ", ".join(f"{1000 * v:g} mm/s in {n}" for v, n in _counts([one["v0"] for one in some]))
         + ".",
         "",
@@ -135,7 +136,6 @@ def _section(kind: str, some: Sequence[dict[str, Any]], goal: int) -> str:
         lines.append(_row(f"**{title}**", some, group, relative=not whole))
         lines += [_row(name, some, [name], relative=name not in ("XZ_G", "Y_G")) for name in group]
     lines.append(_row("**all**", some, names, relative=False))
-    lines += ["", *_errors(kind, some)]
     return "\n".join(lines)
 
 
@@ -157,23 +157,6 @@ def _row(title: str, some: Sequence[dict[str, Any]], names: Sequence[str], relat
     low, high = binomtest(held, count).proportion_ci()
     share = f"{held} of {count}" + (f" ({100 * low:.0f} to {100 * high:.0f} %)" if count > 1 else "")
     return f"| {title} | {bias} | {np.mean(z):+.2f} | {share} |"
-
-
-def _errors(kind: str, some: Sequence[dict[str, Any]]) -> list[str]:
-    """Each seed's errors ÷ half-width of friction and dampers, outside the interval in bold."""
-    names = [n for n in some[0]["lines"] if n.startswith(("fs", "h"))]
-    lines = [
-        "Error ÷ half of the interval, seed by seed; beyond 1 the truth is outside:",
-        "",
-        f"| seed | {' | '.join(names)} | others outside |",
-        f"|---:|{'---:|' * len(names)}---|",
-    ]
-    for one in sorted(some, key=lambda part: part["seed"]):
-        share = {name: (value - truth) / half for name, (truth, value, half) in one["lines"].items()}
-        cells = [f"**{share[n]:+.2f}**" if abs(share[n]) > 1 else f"{share[n]:+.2f}" for n in names]
-        outside = ", ".join(n for n, s in share.items() if n not in names and abs(s) > 1)
-        lines.append(f"| {one['seed']} | {' | '.join(cells)} | {outside} |")
-    return lines
 
 
 def main(argv: Sequence[str] | None = None) -> None:

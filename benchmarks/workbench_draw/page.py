@@ -37,22 +37,23 @@ def limit(what: str) -> float | None:
 
 def text(found: Found) -> tuple[str, bool]:
     """The page, and whether every limit is kept."""
-    lines = [
-        "| layout | what | median [ms] | worst of ten [ms] | limit [ms] | worst ÷ limit | CPU, median [ms] |",
-        "|---|---|---:|---:|---:|---:|---:|",
-    ]
+    lines: list[str] = []
     kept = found.listing.processor <= LISTING
     for name, one in found.layouts.items():
+        lines += [
+            f"## {name[:1].upper()}{name[1:]} ({one.seen} in sight)",
+            "",
+            "| what | median [ms] | worst of ten [ms] | limit [ms] | worst ÷ limit | CPU, median [ms] |",
+            "|---|---:|---:|---:|---:|---:|",
+        ]
         for what, times in one.times.items():
             most, bound = max(times), limit(what)
             over = f"{bound:.0f} | {most / bound:.2f}" if bound else "– | –"
             work = f"{median(one.processor[what]):.0f}" if what in one.processor else ""
-            lines.append(
-                f"| {name} ({one.seen} in sight) | {what} | {median(times):.0f} | {most:.0f} | {over} | {work} |"
-            )
+            lines.append(f"| {what} | {median(times):.0f} | {most:.0f} | {over} | {work} |")
             kept = kept and (bound is None or most <= bound)
         load = one.reference
-        lines.append(f"| {name} | reference load | {median(load):.0f} | {max(load):.0f} | – | – |  |")
+        lines += [f"| reference load | {median(load):.0f} | {max(load):.0f} | – | – |  |", ""]
     about = (
         f"{len(NAMES)} runs of {SECONDS} s with {CHANNELS} channels at {RATE} Hz; the first {PLOTTED} are drawn. "
         f"Chromium {found.version} without a graphics card on {os.cpu_count()} cores; {ROUNDS} rounds of each layout, "
@@ -65,7 +66,7 @@ def text(found: Found) -> tuple[str, bool]:
         f"{found.listing.memory:.0f} MB, and {found.memory:.0f} MB after all that is in the table."
     )
     verdict = "All limits are kept." if kept else "**A limit is missed.**"
-    return "\n".join([HEAD, about, "", *lines, "", verdict, "", listing, "", FOOT, ""]), kept
+    return "\n".join([HEAD, about, "", verdict, "", listing, "", FOOT, "", *lines]), kept
 
 
 HEAD = """# How fast the workbench draws
