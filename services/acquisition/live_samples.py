@@ -25,25 +25,23 @@ class _Channel:
 
 
 class LiveSamples:
-    """The run that is recorded at present, as far as it has come over the bus; a new run takes the place of the last.
+    """The run that is recorded at present, as far as it has come over the bus; a later run takes its place.
 
     Attributes
     ----------
-    start : its start record; None before it came.
-    recording : whether its recorder is there.
+    keys, start : of the run, and its start record; None before it came.
     latest_ns : stamp of its newest sample [ns].
     ledger : rates, losses and states of the sensors in the last second, as the recorder says.
     """
 
     def __init__(self, listener: BusListener):
         self._listener = listener
-        self.keys: Keys | None = None
-        self._forget(None)
+        self._alive: set[Keys] = set()
+        self._take_run(None, None)
 
-    def _forget(self, keys: Keys | None) -> None:
-        self.keys = keys
-        self.start: StartRecord | None = None
-        self.recording = False
+    def _take_run(self, keys: Keys | None, start: StartRecord | None) -> None:
+        """Take this run, of which nothing is here yet."""
+        self.keys, self.start = keys, start
         self.latest_ns = 0
         self.ledger: dict[str, Any] = {}
         self._channels: dict[str, _Channel] = {}
@@ -65,17 +63,17 @@ class LiveSamples:
 
     def take(self, message: Message) -> None:
         """Process a message of the bus; what cannot be read, or is of another run than the present one, is left out."""
-        if message.kind in ("alive", "start") and message.keys != self.keys:
-            self._forget(message.keys)
-        if message.keys != self.keys:
-            return
         try:
-            if message.kind == "alive":
-                self.recording = True
-            elif message.kind == "start":
-                self.start = self.start or start_from_bytes(message.payload)
-            elif message.kind == "block":
-                self.recording = True
+            if message.kind == "start":
+                self._begin(message.keys, start_from_bytes(message.payload))
+            elif message.kind == "alive":
+                self._alive.add(message.keys)
+            elif message.kind in ("gone", "manifest"):
+                self._alive.discard(message.keys)
+            if message.keys != self.keys:
+                return
+            if message.kind == "block":
+                self._alive.add(message.keys)
                 self._take_live(message)
             elif message.kind == "blocks":
                 for number, body in unpack_blocks(message):
@@ -85,11 +83,14 @@ class LiveSamples:
             elif message.kind == "ledger":
                 found = json.loads(message.payload)
                 self.ledger = found if isinstance(found, dict) else {}
-            elif message.kind in ("gone", "manifest"):
-                self.recording = False
         except (WireError, ValueError, RecursionError):
             pass
         self._ask()
+
+    def _begin(self, keys: Keys, start: StartRecord) -> None:
+        """Take a run that began later than the present one; earlier ones are offered while the next is recorded."""
+        if self.start is None or (keys != self.keys and start.started_ns > self.start.started_ns):
+            self._take_run(keys, start)
 
     def _take_live(self, message: Message) -> None:
         block, number = block_from_bytes(message.payload)
@@ -115,6 +116,11 @@ class LiveSamples:
             name, first, last = self._wanted.pop(0)
             self._asked = name, first
             self._listener.ask_blocks(self.keys, name, first, last)
+
+    @property
+    def recording(self) -> bool:
+        """Whether the run's recorder is there."""
+        return self.keys in self._alive
 
     @property
     def whole(self) -> bool:

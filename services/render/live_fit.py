@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,6 +11,10 @@ from lacet.services.render.tables import number, table
 
 SHORT = 60.0
 """Time up to which seconds are said as such; longer ones in minutes [s]."""
+COLUMNS = 100
+"""Widest line of the lists in a terminal [characters]."""
+_TOGETHER = "\u00a0"  # a space at which no line is broken
+_INDENTED = {"initial_indent": "  ", "subsequent_indent": "    "}
 LONG = 3600.0
 """Time from which on it is said to be hours, without a number [s]."""
 
@@ -64,11 +69,8 @@ def screen(found: Mapping[str, Any]) -> str:
             "  markers: " + ", ".join(f"{one['text']} at {one['seconds']:.1f} s" for one in found["marks"][-5:])
         )
     if found["rows"]:
-        rows = [
-            [one["row"], f"{one['ratio']:.2f}", "fails" if one["fails"] else ""]
-            for one in sorted(found["rows"], key=lambda one: -one["ratio"])
-        ]
-        lines += ["", table(["error ÷ floor", "", ""], rows)]
+        ratios = [_ratio(one) for one in sorted(found["rows"], key=lambda one: -one["ratio"])]
+        lines += ["", *textwrap.wrap(f"error ÷ floor: {', '.join(ratios)}", COLUMNS, **_INDENTED)]
     if found["parameters"]:
         cells = [
             [
@@ -81,8 +83,12 @@ def screen(found: Mapping[str, Any]) -> str:
         lines += ["", table(head_cells, cells, text_columns=2)]
     if found["not_identifiable"]:
         names = ", ".join(one["name"] for one in found["not_identifiable"])
-        lines += ["", f"  not identifiable so far: {names}"]
-    return "\n".join(lines)
+        lines += ["", *textwrap.wrap(f"not identifiable so far: {names}", COLUMNS, **_INDENTED)]
+    return "\n".join(lines).replace(_TOGETHER, " ")
+
+
+def _ratio(one: Mapping[str, Any]) -> str:
+    return f"{one['row']} {one['ratio']:.2f}{' FAILS' if one['fails'] else ''}".replace(" ", _TOGETHER)
 
 
 def _sensor(one: Mapping[str, str]) -> str:

@@ -172,7 +172,9 @@ class Live:
         if message.kind == "result":
             return
         if message.keys.run != self._run:
-            if message.kind not in ("start", "alive", "block"):
+            heard = self._recording and time.monotonic() - self._last < GONE
+            # While one is heard, only another that sends blocks takes its place: earlier runs are offered meanwhile.
+            if message.kind not in (("block",) if heard else ("start", "alive", "block")):
                 return
             self._run, self._car = message.keys.run, message.keys.car
             self._heard, self._ledger, self._about = {}, {}, {}

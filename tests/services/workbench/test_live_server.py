@@ -155,6 +155,19 @@ def test_a_live_curve_has_its_peaks_its_holes_and_an_end():
     assert t[np.isnan(parts[0])].min() == pytest.approx(50.0, abs=0.1)
 
 
+def test_an_earlier_run_that_is_offered_is_not_shown():
+    live, block = Live(None, Events()), samples(CHANNELS["imu.accel"], 1.0, 100.0)
+    first, other = Keys("car", "run-1"), Keys("car", "run-0")
+    live.take(Message(first, "block", "imu.accel", 0, block_to_bytes(block, 0, "sensor")))
+    for kind in ("alive", "start"):
+        live.take(Message(other, kind, "", 0, b""))
+    assert live.payload()["run"] == "run-1"
+    assert live.payload()["channels"][0]["samples"] == 100
+    live.take(Message(first, "gone", "", 0, b""))
+    live.take(Message(other, "alive", "", 0, b""))
+    assert live.payload()["run"] == "run-0"
+
+
 def test_without_a_recorder_it_says_so(tmp_path: Path):
     app = create_app(Settings(tmp_path / "new", connect=f"tcp/127.0.0.1:{free_port()}"))
     with TestClient(app, base_url=HERE) as client:

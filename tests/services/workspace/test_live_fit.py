@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,9 @@ import pytest
 from lacet.daq.blocks import Block
 from lacet.daq.bus.listener import BusListener, Message
 from lacet.daq.bus.session import LENGTH, Keys
-from lacet.daq.errors import RunError
+from lacet.daq.errors import RunError, UsageError
 from lacet.daq.formats.log import LogReader, LogWriter
-from lacet.daq.formats.wire import block_to_bytes
+from lacet.daq.formats.wire import block_to_bytes, start_to_bytes
 from lacet.daq.run_limits import RunLimits
 from lacet.identify.effects.catalogue import base_model
 from lacet.identify.regression.model import Model
@@ -27,6 +28,7 @@ from lacet.services.workspace.decode import decode_log
 from lacet.services.workspace.live_fit import LiveFit, LiveResult
 from lacet.services.workspace.live_follow import model_of_study
 from lacet.services.workspace.loading import load
+from lacet.services.workspace.study import Study
 from tests.support.captures import SINUS, cut
 
 KEYS = Keys("car", "run")
@@ -52,8 +54,8 @@ class _Recording:
         self.begin = self.reader.start.started_ns
         self.bus = _Bus()
         self.samples = LiveSamples(self.bus)
-        self.samples.take(Message(KEYS, "alive", "", 0, b""))
-        self.samples.start = self.reader.start
+        for kind, payload in (("alive", b""), ("start", start_to_bytes(self.reader.start))):
+            self.samples.take(Message(KEYS, kind, "", 0, payload))
         self._blocks = {name: list(_batches(block)) for name, block in self.reader.blocks().items()}
         self._given = dict.fromkeys(self._blocks, 0)
 
@@ -176,6 +178,35 @@ def test_what_was_missed_is_asked_for(log: Path):
         {"name": "imu", "state": "stuck", "detail": ""}
     ]
     assert marks_set({"marks": [{"t_ns": 3_000_000_000, "text": "a\x1b"}, 7, {}]}, 0) == [{"text": "a", "seconds": 3.0}]
+
+
+def test_a_later_run_takes_the_place_of_the_last(log: Path):
+    """An earlier one is offered meanwhile, as runs are that no worker has."""
+    car = _Recording(log)
+    car.go_on(1.0)
+    samples, begin = car.samples, car.begin
+    for name, moved in (("earlier", -60), ("later", 60)):
+        start = replace(car.reader.start, run_id=name, started_ns=begin + moved * 1_000_000_000)
+        for kind, payload in (("alive", b""), ("start", start_to_bytes(start))):
+            samples.take(Message(Keys("car", name), kind, "", 0, payload))
+        assert samples.start is not None
+        assert (samples.keys == KEYS) == (name == "earlier")
+        assert samples.recording
+        assert bool(samples.blocks()) == (name == "earlier")
+    samples.take(Message(Keys("car", "later"), "gone", "", 0, b""))
+    assert not samples.recording
+
+
+def test_the_model_is_the_present_one_of_the_study(log: Path, tmp_path: Path):
+    loaded = load([log], limits=RunLimits(end="4"))
+    study = Study.create(tmp_path / "study", [log], [], loaded.rig, loaded.vehicle)
+    empty = model_of_study(study.folder)(loaded.vehicle, "contact")
+    assert empty == Model.of(base_model(loaded.vehicle, "contact"))
+    study.record({}, "base model", {}).record({"anti_roll_bar.front": {}}, "added", {})
+    found = model_of_study(study.folder, ("anti_roll_bar.rear",))(loaded.vehicle, "contact")
+    assert [effect.key for effect in found.effects if not effect.base] == ["anti_roll_bar.front", "anti_roll_bar.rear"]
+    with pytest.raises(UsageError, match="did you mean"):
+        model_of_study(study.folder, ("anti_roll_bar.raer",))(loaded.vehicle, "contact")
 
 
 def test_what_is_still_needed_is_said():
