@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from lacet.daq.formats.exchange import signal, write_table
+from lacet.daq.formats.exchange import write_table
 from lacet.daq.formats.open_run import open_run
+from lacet.daq.run import Signal
 
 CAR = Path(__file__).parents[2] / "tests" / "data" / "car"
 NAMES = ("sine", "rough", "sweep", "liftoff")
@@ -27,14 +28,14 @@ def make_runs(folder: Path) -> None:
     (folder / "runs").mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(1)
     samples = SECONDS * RATE
-    t = np.arange(samples) / RATE
+    t, sound = np.arange(samples) / RATE, np.zeros(samples, np.uint8)
     for file in files:
         run = open_run(CAR / file.name)
         signals = {}
         for name, s in run.signals.items():
             values = np.resize(s.values, (samples, s.values.shape[1]))
-            signals[name] = signal(name, t, values + SPREAD * s.values.std(0) * rng.standard_normal(values.shape))
-        signals["shaft.fl.torque"] = signal("shaft.fl.torque", t, 100.0 * rng.standard_normal((samples, 1)))
+            signals[name] = Signal(t, values + SPREAD * s.values.std(0) * rng.standard_normal(values.shape), sound)
+        signals["shaft.fl.torque"] = Signal(t, 100.0 * rng.standard_normal((samples, 1)), sound)
         assert sum(s.values.shape[1] for s in signals.values()) == CHANNELS
         write_table(replace(run, name=file.stem, signals=signals), file)
     for name in ("rig.toml", "vehicle.toml"):
