@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from lacet.services.render.tables import number, table
@@ -14,7 +14,6 @@ SHORT = 60.0
 COLUMNS = 100
 """Widest line of the lists in a terminal [characters]."""
 _TOGETHER = "\u00a0"  # a space at which no line is broken
-_INDENTED = {"initial_indent": "  ", "subsequent_indent": "    "}
 LONG = 3600.0
 """Time from which on it is said to be hours, without a number [s]."""
 
@@ -70,7 +69,7 @@ def screen(found: Mapping[str, Any]) -> str:
         )
     if found["rows"]:
         ratios = [_ratio(one) for one in sorted(found["rows"], key=lambda one: -one["ratio"])]
-        lines += ["", *textwrap.wrap(f"error ÷ floor: {', '.join(ratios)}", COLUMNS, **_INDENTED)]
+        lines += ["", _list("error ÷ floor", ratios)]
     if found["parameters"]:
         cells = [
             [
@@ -82,9 +81,12 @@ def screen(found: Mapping[str, Any]) -> str:
         head_cells = ["parameter", f"± {percent(found['target'])}", "value", "95 %", "unit", "± %"]
         lines += ["", table(head_cells, cells, text_columns=2)]
     if found["not_identifiable"]:
-        names = ", ".join(one["name"] for one in found["not_identifiable"])
-        lines += ["", *textwrap.wrap(f"not identifiable so far: {names}", COLUMNS, **_INDENTED)]
+        lines += ["", _list("not identifiable so far", [one["name"] for one in found["not_identifiable"]])]
     return "\n".join(lines).replace(_TOGETHER, " ")
+
+
+def _list(name: str, parts: Sequence[str]) -> str:
+    return textwrap.fill(f"{name}: {', '.join(parts)}", COLUMNS, initial_indent="  ", subsequent_indent="    ")
 
 
 def _ratio(one: Mapping[str, Any]) -> str:

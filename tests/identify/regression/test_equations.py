@@ -220,14 +220,14 @@ def test_only_one_piece_is_whole_at_a_time(rough: Run, model: Model, monkeypatch
     monkeypatch.setattr("lacet.identify.regression.assembly.KEPT", 0.0)
     monkeypatch.setattr("lacet.identify.regression.prepared_run.PIECE", 5.0)
     assembly = fit(model, [PreparedRun.of(rough, VEHICLE, RIG)], FitOptions(unbias=False)).assembly
-    made, alive = Assembly._make, []
+    made, alive = Assembly.made, []
     seen: list[weakref.ref[Piece]] = []
 
     def make(self: Assembly, *args) -> Piece:
         alive.append(sum(ref() is not None for ref in seen))
         return made(self, *args)
 
-    monkeypatch.setattr(Assembly, "_make", make)
+    monkeypatch.setattr(Assembly, "made", make)
     seen.extend(map(weakref.ref, assembly.pieces()))
     assert len(seen) == 3
     assert alive == [0, 0, 0]
