@@ -16,8 +16,8 @@ from lacet.identify.multibody.vectors import Array
 class AeroDrag(PhysicalEffect):
     """Drag, with the pitching moment of its height above the body origin: ΣFx = … + d v|v|, ΣMy = … + m v|v|.
 
-    At a constant speed it is a constant, as an inertial unit turned in pitch (m g sin of the error) or with a zero in x
-    is: only a change of speed tells them apart.
+    At a constant speed it is a constant, as is an inertial unit turned in pitch or with a zero in x: only a change of
+    speed distinguishes them.
     """
 
     name = "aero_drag"

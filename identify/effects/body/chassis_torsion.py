@@ -17,10 +17,9 @@ from lacet.identify.signals.filters import derivative
 class ChassisTorsion(PhysicalEffect):
     """Front and rear of the body turn about x against each other, by the torque T that the wheels pass through it.
 
-    T is half the difference of the roll moments of front and rear wheels; bodies resonate in torsion at 20 Hz and more,
-    so that below the fit's cut-off the twist follows T. Relative to where the inertial unit sits, the front turns by
-    p_f T and the rear by −p_r T. Loads measured at a turned axle are F + θ x × F in the unit's axes (and M likewise),
-    and the twist's own acceleration takes a roll moment.
+    T is half the difference of the roll moments of front and rear wheels; resonances lie above 20 Hz, so that the twist
+    follows T. Relative to the inertial unit the front turns by p_f T and the rear by −p_r T. Loads at a turned axle are
+    F + θ x × F (and M likewise); the twist's acceleration takes a roll moment.
     """
 
     name = "chassis_torsion"

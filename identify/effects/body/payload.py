@@ -21,8 +21,8 @@ _ROWS = ("chassis.fx", "chassis.fy", "chassis.fz", "chassis.mx", "chassis.my", "
 class Payload(PhysicalEffect):
     """A point mass on the body in one run and in no other: passengers, luggage, fuel used.
 
-    The chassis is what it is on the other runs; the mass and its first moments about the body origin are added (its
-    inertia about itself is not). Springs and tyres need nothing: travel and loads are measured.
+    Mass and first moments about the body origin are added to the chassis of the other runs, not its inertia about
+    itself.
     """
 
     name = "payload"

@@ -246,8 +246,8 @@ class _Reader:
         part = self.text[start:stop]
         found = re.match(r"([A-Za-z_]\w*)\s*(=|\bin\b)", part)
         if found is None:
-            says = "after the law stand constants, 'v0 = 0.01 0.02 m/s' (values apart by spaces), and bounds, "
-            raise LineFault(self.text, says + "'p in -500..500 N'; rows come first, apart by ';'", start, stop)
+            says = "after the law stand constants, 'v0 = 0.01 0.02 m/s' (values separated by spaces), and bounds, "
+            raise LineFault(self.text, says + "'p in -500..500 N'; rows come first, separated by ';'", start, stop)
         name = found[1]
         if name in grids or name in bounds or name in CONSTANTS or name in FUNCTIONS or use_of(name):
             what = "is given twice" if name in grids or name in bounds else "has a meaning already"
@@ -270,7 +270,7 @@ class _Reader:
             values.append(float(number[1]))
             at = number.end()
         if not values:
-            says = f"write {name} = VALUES UNIT, values apart by spaces, as in {name} = 0.01 0.02 m/s"
+            says = f"write {name} = VALUES UNIT, values separated by spaces, as in {name} = 0.01 0.02 m/s"
             raise LineFault(self.text, says, start, stop)
         factor, constants[name] = self._unit(start + found.end() + at, stop)
         grids[name] = tuple(value * factor for value in values)

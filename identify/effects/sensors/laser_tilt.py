@@ -21,8 +21,7 @@ class LaserTilt(SensorFault):
 
     ``pitch`` is about y, the lower end to the rear; ``roll`` about x, the lower end to the left. A laser at the height
     H above the road, along the road's normal n, reads d = H / (−n·b) along its beam b, which is −z by the rig. Turned
-    by p it reads, to first order, d (1 − p n_x / n_z) in pitch and d (1 + p n_y / n_z) in roll: it is off in proportion
-    to how far the body pitches or rolls on its road.
+    by p it reads, to first order, d (1 − p n_x / n_z) in pitch and d (1 + p n_y / n_z) in roll.
     """
 
     name = "laser_tilt"

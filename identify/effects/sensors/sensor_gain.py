@@ -22,10 +22,9 @@ _IMU = {"accel": "imu.accel", "rate": "imu.rate"}
 class SensorGain(SensorFault):
     """One scale off: y = (1 + g) x. Wheel forces and lasers by corner, the inertial unit by axis, the speed sensor.
 
-    The scale of a hub laser looks like other springs, dampers and bars at its corner; only the tyre row, in which it
-    takes part in the deflection, tells them apart. All hub lasers, or all ground lasers, may have one error in common
-    (`hub`, `ground`). A scale that all wheel forces have in common, or the whole of the specific force, is another mass
-    and cannot be seen. Moments are not tried: the loads' moments are mostly force times lever.
+    A hub laser's scale looks like other springs, dampers and bars at its corner; only the tyre row distinguishes them.
+    `hub` and `ground` are an error common to all of these lasers. A scale common to all wheel forces, or to the
+    specific force, is another mass and cannot be seen. Moments are not tried: they are mostly force times lever.
     """
 
     name = "sensor_gain"

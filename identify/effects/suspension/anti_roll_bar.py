@@ -11,8 +11,7 @@ from lacet.identify.multibody.vectors import Array
 class AntiRollBar(AcrossAxle):
     """A bar that resists the difference of travel left and right: F = k (s_left − s_right), and its opposite.
 
-    Hub lasers of other scales left and right look like other springs, and in roll like a bar; the tyre rows, in which
-    they take part in the deflection, tell them apart.
+    Hub lasers of different scales left and right look like a bar in roll; the tyre rows distinguish them.
     """
 
     name = "anti_roll_bar"

@@ -11,10 +11,9 @@ from lacet.identify.multibody.vectors import Array
 class AxleDamping(AcrossAxle):
     """Damping of the difference of travel rates left and right: F = c (ṡ_left − ṡ_right), and its opposite.
 
-    A damper that is compressed by a of its own wheel's travel and by b of the other one's has the rates c_d (a² +
-    b²) at each wheel and 2 c_d a b between both: beside dampers c_d (a + b)² it is c = −2 c_d a b. It is negative
-    where the other wheel compresses the damper too: live axles with dampers inboard of the wheels, twist beams.
-    Rubber and the material of a bar damp their difference with a positive c.
+    A damper compressed by a of its own wheel's travel and b of the other one's is, beside dampers c_d (a + b)², c = −2
+    c_d a b: negative for live axles with dampers inboard of the wheels and twist beams. Rubber and the material of a
+    bar have a positive c.
     """
 
     name = "axle_damping"

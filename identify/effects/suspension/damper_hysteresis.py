@@ -14,9 +14,9 @@ from lacet.identify.multibody.vectors import Array
 class DamperHysteresis(SuspensionForceWithMemory):
     """Dahl's friction: F = f z, dz/ds = (1 − z sign ṡ) / length, so that z goes from −1 to 1 over some lengths.
 
-    It depends on the path, not on time: between reversals z = ±1 + (z0 ∓ 1) exp(−|Δs| / length), which is what is
-    computed, exactly for a travel that is monotone between samples. The run (or a piece of a long one) begins at z = 0;
-    how it began is forgotten after a few lengths of travel. Coulomb friction is the same where strokes are long.
+    It depends on the path, not on time: between reversals z = ±1 + (z0 ∓ 1) exp(−|Δs| / length), exact for a travel
+    that is monotone between samples. A run (or a piece of a long one) begins at z = 0, which is forgotten after a few
+    lengths. Coulomb friction is the same where strokes are long.
     """
 
     name = "damper_hysteresis"

@@ -14,9 +14,9 @@ from lacet.identify.multibody.vectors import Array
 class DamperMount(SuspensionForceWithMemory):
     """A damper in series with a spring: of its force c·ṡ only c·y comes, with T·ẏ + y = ṡ and T = c / stiffness.
 
-    F = c (y − ṡ), on top of the base model's damper, whose parameter so stays the whole damping at low frequency. With
-    c the whole damper stands on the mount; with less, a part of it, or a rubber bush (Maxwell's element) is beside it.
-    The mount's stiffness is c / T: 100 to 500 N/mm at a top mount, so that T is 2 to 20 ms there.
+    F = c (y − ṡ) beside the base model's damper, which so stays the whole damping at low frequency. A smaller c is a
+    part of the damper, or a rubber bush (Maxwell's element). The mount's stiffness is c / T: 100 to 500 N/mm at a top
+    mount, T 2 to 20 ms.
     """
 
     name = "damper_mount"

@@ -13,9 +13,8 @@ from lacet.identify.multibody.vectors import Array
 class HelperSpring(SuspensionForce):
     """A helper spring that goes solid beyond a gap: F = k min(s, gap).
 
-    With a linear spring in the model it is a linear bump stop at the same gap, of the opposite sign: min(s, gap) = s −
-    max(0, s − gap). A helper spring makes the suspension softer beyond the gap than before it: k > 0.
-    With a negative gap it is a linear rebound stop at −gap and a static load.
+    Beside a linear spring it is a linear bump stop of the opposite sign: min(s, gap) = s − max(0, s − gap); softer
+    beyond the gap for k > 0. With a negative gap it is a linear rebound stop at −gap and a static load.
     """
 
     name = "helper_spring"

@@ -35,11 +35,10 @@ class _Stop(SuspensionForce):
 class BumpStop(_Stop):
     """A stop touched in compression: F = k x (x/10 mm)^(n − 1), x = max(0, s − gap).
 
-    The exponent n is 1 for a second spring or a linear stop, 2 or 3 for rubber and foam, which stiffen as they are
-    pressed; k is the secant stiffness 10 mm beyond the gap, in N/m whatever n is.
+    n is 1 for a second spring or a linear stop, 2 or 3 for rubber and foam; k is the secant stiffness 10 mm beyond the
+    gap, in N/m for any n.
 
-    With a linear spring in the model, n = 1 is a helper spring that goes solid, of the opposite sign: max(0, s − gap) =
-    s − min(s, gap). A stop makes the suspension stiffer beyond the gap: k > 0.
+    Beside a linear spring, n = 1 is a ``helper_spring`` of the opposite sign; stiffer beyond the gap for k > 0.
     """
 
     name = "bump_stop"
@@ -55,10 +54,9 @@ class BumpStop(_Stop):
 class ReboundStop(_Stop):
     """A stop touched in extension: F = −k x (x/10 mm)^(n − 1), x = max(0, −s − gap).
 
-    The exponent n is 1 for a linear stop, 2 or 3 for one that stiffens as it is pressed; k is the secant stiffness 10
-    mm beyond the gap, in N/m whatever n is.
+    n and k as of ``bump_stop``.
 
-    Beside a static load, n = 1 is a helper spring that goes solid at −gap: min(s, −gap) + gap = −max(0, −s − gap).
+    Beside a static load, n = 1 is a ``helper_spring`` that goes solid at −gap.
     """
 
     name = "rebound_stop"
