@@ -150,7 +150,8 @@ class SelectionSettings:
     """Antithetic pairs of draws of the noise in all columns [count]. Source: processor time;
     docs/decisions/ranking.md, "Noise in the columns"."""
     noise_seconds: float = 180.0
-    """Of more data than this, pieces are left out of those draws [s]. Source: processor time."""
+    """Of more data than this, one pair is drawn [s]: the error of the draws' mean falls with the root of the data's
+    length. Source: processor time."""
     most_noise_of_direction: float = 0.8
     """No more of a direction of the nuisance columns is counted as noise: it is drawn, not known [share]. Source:
     benchmark; docs/decisions/ranking.md, "Noise in the columns"."""

@@ -22,11 +22,10 @@ from lacet.identify.regression.tolerances import SheetEntry, entry_name
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.cross_products import CrossProducts, SumsOfRuns, model_prior
 from lacet.identify.selection.columns.layout import Layout
-from lacet.identify.selection.columns.regressor_noise import RegressorNoise, regressor_labels
+from lacet.identify.selection.columns.regressor_noise import RegressorNoise, pairs_drawn, regressor_labels
 from lacet.identify.selection.columns.samples import SampleTask, T
 from lacet.identify.selection.columns.weighted_columns import Weighting
 from lacet.identify.selection.diagnose import Diagnosis, diagnose_runs
-from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS, NoiseFloor, draws_of_piece
 from lacet.identify.validation.score import row_ratios
 from lacet.services.campaign.cluster import Cluster
@@ -181,14 +180,11 @@ class CampaignRanking:
         return CrossProducts(weighting, prior, sums, CampaignSamples(self, draws, plain, sigma))
 
     def regressor_noise(self, sums: CrossProducts, sigma: Mapping[Row, float], progress: Progress) -> RegressorNoise:
-        """Noise in the columns, drawn for as many of the runs as are `noise_seconds` together."""
+        """Noise in the columns of all runs."""
         del progress  # that of the cluster
-        step = max(1, int(sum(self.seconds) // SELECTION.noise_seconds))
-        chosen = range(0, len(self.names), step)
-        share = sum(self.seconds[run] for run in chosen) / sum(self.seconds)
-        found = self._column_noise(list(chosen), sums, sigma, SELECTION.noise_pairs)
+        found = self._column_noise(list(range(len(self.names))), sums, sigma, pairs_drawn(self.seconds))
         zero = np.zeros((sums.layout.width,) * 2)
-        totals = {row: found[row] / share if row in found else zero for row in sigma}
+        totals = {row: found.get(row, zero) for row in sigma}
         return RegressorNoise(regressor_labels(self.fitted, sums.layout), totals, dict(sigma))
 
     def regressor_noise_of(

@@ -8,6 +8,7 @@ from functools import cached_property
 
 from lacet.identify.effects.base import Effect, with_places
 from lacet.identify.regression.tolerances import SheetEntry
+from lacet.identify.selection.columns.interpolation import interpolation_weights, searched_in_ratios
 
 
 @dataclass(frozen=True)
@@ -50,16 +51,13 @@ class Layout:
         return (*map(str, self.sheet), *(f"{t.effect!r} {t.place}" for t in self.trials))
 
     def interpolation(self, effect: Effect) -> list[tuple[slice, float]]:
-        """Places of an effect's trials around its shape constants, with the weights of multilinear interpolation.
-
-        Beyond the grid's values the outermost stand for it.
-        """
+        """Places of an effect's trials around its shape constants, with their weights in the interpolation."""
         around: list[tuple[dict[str, float], float]] = [({}, 1.0)]
         for name, values in effect.grids.items():
-            sides = _between(sorted(values), effect.shape[name])
+            sides = interpolation_weights(values, effect.shape[name], searched_in_ratios(effect, name))
             around = [({**shape, name: at}, weight * w) for shape, weight in around for at, w in sides]
         places = self._places[effect.key]
-        return [(places[tuple(sorted(shape.items()))], weight) for shape, weight in around if weight > 0.0]
+        return [(places[tuple(sorted(shape.items()))], weight) for shape, weight in around]
 
     @cached_property
     def _places(self) -> Mapping[str, Mapping[tuple[tuple[str, float], ...], slice]]:
@@ -87,13 +85,3 @@ class Layout:
 
 def _constants(effect: Effect) -> tuple[tuple[str, float], ...]:
     return tuple(sorted((name, effect.shape[name]) for name in effect.grids))
-
-
-def _between(values: Sequence[float], at: float) -> list[tuple[float, float]]:
-    """Neighbours of `at` among ascending values, with the weights of linear interpolation."""
-    at = min(max(at, values[0]), values[-1])
-    above = min(range(len(values)), key=lambda i: (values[i] < at, i))
-    if values[above] == at:
-        return [(at, 1.0)]
-    low, high = values[above - 1], values[above]
-    return [(low, (high - at) / (high - low)), (high, (at - low) / (high - low))]

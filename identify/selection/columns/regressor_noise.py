@@ -10,7 +10,7 @@ once and stored with the noise floor.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -49,21 +49,19 @@ class RegressorNoise:
 
     @classmethod
     def of(
-        cls, fitted: Fit, sums: CrossProducts, sigma: Mapping[Row, float], pairs: int = SELECTION.noise_pairs,
-        progress: Progress = silent,
-    ) -> RegressorNoise:  # fmt: skip
+        cls, fitted: Fit, sums: CrossProducts, sigma: Mapping[Row, float], progress: Progress = silent
+    ) -> RegressorNoise:
         """Noise of all runs from simulated draws, weighted by the rows' `sigma`; `progress` receives the draws done."""
         totals = {row: np.zeros((sums.layout.width,) * 2) for row in sigma}
-        chosen, share = _pieces_drawn(fitted)
-        done, total = itertools.count(1), pairs * sum(len(pieces) for pieces in chosen.values())
+        pairs = pairs_drawn(float(np.ptp(drive.recording.t)) for drive in fitted.runs)
+        done, total = itertools.count(1), pairs * sum(drive.piece_count for drive in fitted.runs)
 
         def drawn() -> None:
             progress(Step(Stage.REGRESSOR_NOISE, next(done), total))
 
-        for run, pieces in chosen.items():
-            gain = sums.over_runs.zero_gains[run]
-            for row, products in _run_products(fitted, sums.weighting, gain, sigma, run, pieces, pairs, drawn).items():
-                totals[row] += products / share
+        for run, gain in enumerate(sums.over_runs.zero_gains):
+            for row, products in noise_of_run(fitted, sums.weighting, gain, sigma, run, pairs, drawn).items():
+                totals[row] += products
         return cls(regressor_labels(fitted, sums.layout), totals, dict(sigma))
 
     @classmethod
@@ -142,34 +140,19 @@ def regressor_labels(fitted: FittedModel, layout: Layout) -> tuple[str, ...]:
     return (*fitted.columns, *layout.labels)
 
 
-def _pieces_drawn(fitted: Fit) -> tuple[dict[int, list[int]], float]:
-    """Pieces for the draws: run → their numbers, about `noise_seconds` in all; and their share of all samples."""
-    counts = {
-        (run, k): samples
-        for run in range(len(fitted.runs))
-        for k, samples in enumerate(map(_samples, fitted.assembly.pieces_of(run)))
-    }
-    seconds = sum(float(np.ptp(drive.recording.t)) for drive in fitted.runs)
-    nuisance = list(counts)[:: max(1, int(seconds // SELECTION.noise_seconds))]
-    chosen: dict[int, list[int]] = {}
-    for run, k in nuisance:
-        chosen.setdefault(run, []).append(k)
-    return chosen, sum(counts[place] for place in nuisance) / sum(counts.values())
+def pairs_drawn(seconds: Iterable[float]) -> int:
+    """Number of pairs of draws of the noise in all columns of runs of these lengths [s].
+
+    None of the data is left out: by how much noise shifts the mean of a bent law depends on how the car moves.
+    """
+    return SELECTION.noise_pairs if sum(seconds) <= SELECTION.noise_seconds else 1
 
 
 def noise_of_run(
-    fitted: Fit, weighting: Weighting, zero_gain: Array, sigma: Mapping[Row, float], run: int, pairs: int
-) -> dict[Row, Array]:
-    """Row → (w, w) products of the noise in the columns of one run, its zeros eliminated by `zero_gain` (z, w)."""
-    pieces = range(fitted.runs[run].piece_count)
-    return _run_products(fitted, weighting, zero_gain, sigma, run, pieces, pairs, lambda: None)
-
-
-def _run_products(
-    fitted: Fit, weighting: Weighting, zero_gain: Array, sigma: Mapping[Row, float], run: int, chosen: Sequence[int],
-    pairs: int, drawn: Callable[[], None],
+    fitted: Fit, weighting: Weighting, zero_gain: Array, sigma: Mapping[Row, float], run: int, pairs: int,
+    drawn: Callable[[], None] = lambda: None,
 ) -> dict[Row, Array]:  # fmt: skip
-    """Row → (w, w) products of the noise in the `chosen` pieces of one run, its zeros eliminated."""
+    """Row → (w, w) products of the noise in the columns of one run, its zeros eliminated by `zero_gain` (z, w)."""
     layout, (_, priors, values) = weighting.layout, fitted.zeros[run]
     z, w, p = len(priors), layout.width, layout.model
     side = np.concatenate([priors / weighting.prior_stiffening, np.ones(w)])
@@ -183,8 +166,7 @@ def _run_products(
         return _piece_products(fitted, layout, sigma, piece, pairs, drawn)
 
     # Mapped, so that a piece's motion and slopes are gone before the next piece is made.
-    picked = itertools.compress(fitted.assembly.pieces_of(run), (k in chosen for k in itertools.count()))
-    for found in map(of_piece, picked):
+    for found in map(of_piece, fitted.assembly.pieces_of(run)):
         for row, (places, products) in found.items():
             there = whole.setdefault(row, np.zeros((z + w, z + w)))
             there[np.ix_(places, places)] += products
@@ -221,7 +203,3 @@ def _piece_products(
                 products[z:, :z] += across.T
         drawn()
     return out
-
-
-def _samples(piece: Piece) -> int:
-    return sum(len(right) for right in piece.right.values())

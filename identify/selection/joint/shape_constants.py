@@ -18,6 +18,7 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.candidate_columns import solved
+from lacet.identify.selection.columns.interpolation import searched_in_ratios
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.partial_regression import PartialRegression
 from lacet.identify.selection.score_tests import Candidate, ScoreTests
@@ -142,18 +143,12 @@ def refined(space: ScoreTests, c: Candidate) -> Candidate:
     return replace(c, shape=dict(best.shape), values=tuple(map(float, values)), interval=tuple(map(float, half)))
 
 
-def _scaled(effect: Effect, name: str) -> bool:
-    """Whether a constant is searched in ratios: its bounds are positive, and far apart."""
-    low, high = effect.bounds_of(name)
-    return low > 0.0 and high >= SELECTION.least_ratio_of_bounds * low
-
-
 def _first_steps(effect: Effect) -> dict[str, float]:
     """Step of each constant: half the distance to the next value of its grid, or its ratio's logarithm."""
     out: dict[str, float] = {}
     for name in effect.shape:
         values = np.unique(effect.grids[name])
-        scale = np.log(values) if _scaled(effect, name) else values
+        scale = np.log(values) if searched_in_ratios(effect, name) else values
         out[name] = float(np.min(np.diff(scale))) / 2 if values.size > 1 else 0.0
     return {name: step for name, step in out.items() if step > 0.0}
 
@@ -174,7 +169,11 @@ def _around(effect: Effect, steps: dict[str, float]) -> Iterator[Effect]:
         shape = dict(effect.shape)
         for name, by in zip(names, move, strict=True):
             low, high = effect.bounds_of(name)
-            moved = shape[name] * np.exp(by * steps[name]) if _scaled(effect, name) else shape[name] + by * steps[name]
+            moved = (
+                shape[name] * np.exp(by * steps[name])
+                if searched_in_ratios(effect, name)
+                else shape[name] + by * steps[name]
+            )
             shape[name] = float(np.clip(moved, low, high))
         if shape != dict(effect.shape):
             yield replace(effect, shape=shape)
