@@ -116,7 +116,8 @@ class SelectionSettings:
     least_ratio_of_bounds: float = 4.0
     """Upper ÷ lower bound of a constant from which it is searched in ratios [ratio]. Source: a choice, not tuned."""
     least_constant_step: float = 0.1
-    """Step of that search, ÷ the first step, below which it ends [share]. Source: a choice, not tuned."""
+    """Distance of two values in that search, ÷ that of the effect's grid, below which it ends [share]. Source: a
+    choice, not tuned."""
     least_refinement_fall: float = 4.0
     """Fall of the weighted squares by which a value off the grid must be better at first, and a rival for it to take a
     law's place [weighted squares]. Source: two σ of one parameter (χ² with one degree of freedom, 95 %: 3.84)."""

@@ -1,14 +1,13 @@
-"""Shape constants of effects that are in the model together: a pattern search for those that explain most.
+"""Shape constants of effects that are in the model together: a search for those that explain most, on finer grids.
 
-Every round is one pass over the samples with a few further values of each constant; which combination of them explains
-most then follows from the cross products. Source: R. Hooke and T. A. Jeeves, "Direct search" solution of numerical and
-statistical problems, Journal of the ACM 8 (1961).
+Every round is one pass over the samples with further values of each constant, on a grid around the best that is a
+quarter as wide as the one before; which combination of them explains most then follows from the cross products.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,9 +49,9 @@ def with_best_constants(
 
     `groups` : number of the group of each effect, where only those of a group are in the model together.
 
-    The search begins at the constants that they have and at all values of their grids, with steps of half the distance
-    between two of these. The same law at several places has common constants, unless constants of their own explain
-    more than the law may be inexact.
+    The search begins at the constants that they have and at all values of their grids, and goes on around the best of
+    them. The same law at several places has common constants, unless constants of their own explain more than the law
+    may be inexact.
     """
     if groups is not None:
         return _searched(space, effects, [[i] for i in range(len(effects))], progress, sets=groups)
@@ -92,19 +91,19 @@ def _searched(
     """The effects with the best constants, a group with the same; in the model together are those of one set."""
     sets = [0] * len(effects) if sets is None else sets
     found = list(effects)
-    steps = [_first_steps(effect) for effect in found]
+    widths = [_first_widths(effect) for effect in found]
     for number in range(SELECTION.most_constant_rounds):
-        moving = [group for group in groups if steps[group[0]]]
+        moving = [group for group in groups if widths[group[0]]]
         if not moving:
             break
         names = ", ".join(found[i].key for group in moving for i in group)
         progress(Step(Stage.SHAPE_CONSTANTS, number + 1, subject=names))
-        grids = [
-            effect.shapes() if own and grid and number == 0 else [] for effect, own in zip(found, steps, strict=True)
+        inner = [[effect, *_around(effect, own)] for effect, own in zip(found, widths, strict=True)]
+        outer = [
+            [*_around(effect, own, edge=True), *(effect.shapes() if own and grid and number == 0 else [])]
+            for effect, own in zip(found, widths, strict=True)
         ]
-        tried = [
-            [effect, *_around(effect, own), *further] for effect, own, further in zip(found, steps, grids, strict=True)
-        ]
+        tried = [[*near, *far] for near, far in zip(inner, outer, strict=True)]
         fall = _Falls.of(space, tried)
         chosen: list[int | None] = [0] * len(found)
         for group in moving:
@@ -116,13 +115,13 @@ def _searched(
             ]
             best = int(np.argmax(falls))
             gained = falls[best] - falls[0]
-            if gained < SELECTION.least_refinement_fall:
-                # Another value than that of the grid must be better by more than noise.
-                best = best if gained > 0.0 and found[first].shape != effects[first].shape else 0
-                for i in group:
-                    steps[i] = _halved(tried[i][best], steps[i])
+            settled = gained < SELECTION.least_refinement_fall
+            if settled and not (gained > 0.0 and found[first].shape != effects[first].shape):
+                best = 0  # another value than that of the grid must be better by more than noise
             for i in group:
                 chosen[i] = best
+                if best < len(inner[first]):
+                    widths[i] = _narrower(tried[i][best], widths[i], settled)
         found = [options[k or 0] for options, k in zip(tried, chosen, strict=True)]
     return found
 
@@ -143,37 +142,40 @@ def refined(space: ScoreTests, c: Candidate) -> Candidate:
     return replace(c, shape=dict(best.shape), values=tuple(map(float, values)), interval=tuple(map(float, half)))
 
 
-def _first_steps(effect: Effect) -> dict[str, float]:
-    """Step of each constant: half the distance to the next value of its grid, or its ratio's logarithm."""
+def _first_widths(effect: Effect) -> dict[str, float]:
+    """Half-width of the first grid around each constant: the distance to the next value, or its ratio's logarithm."""
     out: dict[str, float] = {}
     for name in effect.shape:
         values = np.unique(effect.grids[name])
         scale = np.log(values) if searched_in_ratios(effect, name) else values
-        out[name] = float(np.min(np.diff(scale))) / 2 if values.size > 1 else 0.0
-    return {name: step for name, step in out.items() if step > 0.0}
+        out[name] = float(np.min(np.diff(scale))) if values.size > 1 else 0.0
+    return {name: width for name, width in out.items() if width > 0.0}
 
 
-def _halved(effect: Effect, steps: dict[str, float]) -> dict[str, float]:
-    """Half the steps; none once they are small."""
-    first = _first_steps(effect)
-    if any(steps[name] < SELECTION.least_constant_step * first[name] for name in steps):
+def _narrower(effect: Effect, widths: dict[str, float], settled: bool) -> dict[str, float]:
+    """The half-widths of the next grid; none where the search has `settled` and the values are close."""
+    first, parts = _first_widths(effect), _parts(widths)
+    if settled and any(widths[name] / parts < SELECTION.least_constant_step * first[name] for name in widths):
         return {}
-    return {name: step / 2 for name, step in steps.items()}
+    return {name: width / parts for name, width in widths.items()}
 
 
-def _around(effect: Effect, steps: dict[str, float]) -> Iterator[Effect]:
-    """The effect with its constants one step, and two steps, to each side, within their bounds."""
-    names = list(steps)
-    moves = [move for move in itertools.product((-1, 0, 1), repeat=len(names)) if any(move)]
-    for move in [*moves, *(tuple(2 * m for m in move) for move in moves if np.count_nonzero(move) == 1)]:
+def _parts(widths: Mapping[str, float]) -> int:
+    """Number of parts that a half-width is divided into: fewer where more than two constants are searched at once."""
+    return 4 if len(widths) <= 2 else 2
+
+
+def _around(effect: Effect, widths: dict[str, float], edge: bool = False) -> Iterator[Effect]:
+    """The effect with its constants on a grid around them, within their bounds; its inner part, or its `edge`."""
+    parts = _parts(widths)
+    for move in itertools.product(range(1 - parts, parts), repeat=len(widths)):
+        if not any(move) or edge != (max(map(abs, move)) == parts - 1):
+            continue
         shape = dict(effect.shape)
-        for name, by in zip(names, move, strict=True):
+        for by, (name, width) in zip(move, widths.items(), strict=True):
             low, high = effect.bounds_of(name)
-            moved = (
-                shape[name] * np.exp(by * steps[name])
-                if searched_in_ratios(effect, name)
-                else shape[name] + by * steps[name]
-            )
+            away = by * width / parts
+            moved = shape[name] * np.exp(away) if searched_in_ratios(effect, name) else shape[name] + away
             shape[name] = float(np.clip(moved, low, high))
         if shape != dict(effect.shape):
             yield replace(effect, shape=shape)
