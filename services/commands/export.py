@@ -47,7 +47,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--rows", action="store_true", help="the same as --as rows")
     parser.add_argument("--version", type=int, help="version of the study (default: the present one)")
-    parser.add_argument("--channels", metavar="NAME", nargs="+", help="of a run: channels, * stands for anything")
+    parser.add_argument(
+        "--channels", metavar="NAME", nargs="+", action="extend", help="of a run: channels, * stands for anything"
+    )
     parser.add_argument("--map", metavar="MAP", type=Path, help="channel map of a log that another system wrote")
     parser.add_argument("--force", action="store_true", help="replace FILE if it exists")
 

@@ -72,7 +72,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--map", metavar="FILE", type=Path, help="channel map of logs that other systems wrote")
     parser.add_argument("--add", metavar="EFFECT", action="append", default=[], help="an effect beyond the base model")
     parser.add_argument("--cutoff", metavar="HZ", type=float, help="cut-off of the fit (default: the study's, or 6 Hz)")
-    parser.add_argument("--want", metavar="NAME", nargs="+", default=[], help="parameters, whole-vehicle values")
+    parser.add_argument(
+        "--want", metavar="NAME", nargs="+", action="extend", default=[], help="parameters, whole-vehicle values"
+    )
     parser.add_argument("--goal", metavar="%", type=float, help="half-width aimed at (default 2 %% of the value; "
                         "with --want: as narrow as can be)")  # fmt: skip
     parser.add_argument("--only", metavar="NAMES", default="", help="manoeuvres to choose from, by commas")
@@ -87,7 +89,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--road", choices=("A", "B", "C"), default="B", help="worst road there is (ISO 8608), default B"
     )
-    parser.add_argument("--like", metavar="RUN", nargs="+", default=[], type=Path, help="rank runs like these instead")
+    parser.add_argument(
+        "--like", metavar="RUN", nargs="+", action="extend", default=[], type=Path, help="rank runs like these instead"
+    )
     parser.add_argument("--runs", metavar="N", type=int, default=1, help="plan the next N runs (default 1)")
     parser.add_argument("--most", metavar="N", type=int, default=12, help="rows of the ranking printed (default 12)")
     parser.add_argument("--keep", metavar="DIR", type=Path, help="where simulated motions are kept")

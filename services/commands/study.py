@@ -37,8 +37,12 @@ A study is a folder of text files: the runs used and held out, every version of 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("words", metavar="[new] DIR", nargs="+", help="the study's folder, after 'new' to make one")
-    parser.add_argument("--use", metavar="RUN", nargs="+", type=Path, default=[], help="runs to identify with")
-    parser.add_argument("--hold", metavar="RUN", nargs="+", type=Path, default=[], help="runs held out")
+    parser.add_argument(
+        "--use", metavar="RUN", nargs="+", action="extend", type=Path, default=[], help="runs to identify with"
+    )
+    parser.add_argument(
+        "--hold", metavar="RUN", nargs="+", action="extend", type=Path, default=[], help="runs held out"
+    )
     parser.add_argument(
         "--map", metavar="FILE", type=Path, help="channel map of logs that other systems wrote: they are imported first"
     )

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from lacet.daq.errors import UsageError
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -104,6 +105,8 @@ def load_runs(
 
     Raises
     ------
+    UsageError
+        The paths are in a list.
     LacetError
         No run can be used, a file is wrong, or the runs do not belong together.
 
@@ -117,6 +120,8 @@ def load_runs(
     >>> car = "tests/data/car"
     >>> lacet.load_runs(f"{car}/sine.parquet", rig=f"{car}/rig.toml", vehicle=f"{car}/vehicle.toml").names
     ('sine',)"""
+    if any(not isinstance(path, (str, Path)) for path in paths):
+        raise UsageError("the runs are given one by one, a list of them with a star: load_runs(*paths)")
     loaded = load(paths, rig, vehicle, default_filters(cutoff), channel_map=map)
     for line in loaded.warnings:
         warnings.warn(line, LoadingWarning, stacklevel=2)

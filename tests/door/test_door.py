@@ -128,3 +128,8 @@ def test_runs_with_loads_at_another_point_are_not_compared(fitted: lacet.Fit, ru
     loaded = replace(runs.loaded, prepared=tuple(type(runs.prepared[0])(one) for one in prepared))
     with pytest.raises(lacet.UsageError, match="wheel loads"):
         lacet.compare(fitted, replace(runs, loaded=loaded))
+
+
+def test_runs_in_a_list_are_refused_with_the_remedy() -> None:
+    with pytest.raises(lacet.UsageError, match=r"load_runs\(\*paths\)"):
+        lacet.load_runs(["one.parquet", "two.parquet"])  # type: ignore[arg-type]

@@ -35,3 +35,19 @@ def test_what_is_no_command_ends_as_the_whole_parser_would(
     with pytest.raises(SystemExit) as expected:
         build_parser().parse_args(words)
     assert (found, ended.value.code) == (capsys.readouterr(), expected.value.code)
+
+
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        (["study", "new", "folder"], "use"),
+        (["study", "new", "folder"], "hold"),
+        (["plan"], "want"),
+        (["plan"], "like"),
+        (["export", "run.mcap", "-o", "run.mat"], "channels"),
+    ],
+)
+def test_an_option_for_several_values_may_be_written_several_times(words: list[str], option: str) -> None:
+    """A run of `--use a --use b` that only the last was used of would be lost without a word."""
+    found = build_parser().parse_args([*words, f"--{option}", "a", "b", f"--{option}", "c"])
+    assert list(map(str, getattr(found, option))) == ["a", "b", "c"]
