@@ -27,7 +27,7 @@ def interpolation_weights(values: Sequence[float], at: float, ratios: bool) -> l
     if at in grid:
         return [(at, 1.0)]
     above = int(np.searchsorted(grid, at))
-    if not ratios or grid.size < 3:
+    if not ratios or grid.size <= 2:
         near = grid[above - 1 : above + 1]
         own, place = near, at
     else:
@@ -36,8 +36,7 @@ def interpolation_weights(values: Sequence[float], at: float, ratios: bool) -> l
         first = above - 2 if lower else above - 1
         near = grid[first : first + 3]
         own, place = np.log(near), np.log(at)
-    others = [np.delete(own, i) for i in range(own.size)]
-    return [
-        (float(value), float(np.prod((place - rest) / (one - rest))))
-        for value, one, rest in zip(near, own, others, strict=True)
-    ]
+    from_own, apart = place - own, own[:, None] - own
+    np.fill_diagonal(apart, 1.0)
+    weights = [np.prod(np.delete(from_own, i)) / np.prod(apart[i]) for i in range(own.size)]
+    return [(float(value), float(weight)) for value, weight in zip(near.tolist(), weights, strict=True)]
