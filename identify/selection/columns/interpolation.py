@@ -36,7 +36,8 @@ def interpolation_weights(values: Sequence[float], at: float, ratios: bool) -> l
         first = above - 2 if lower else above - 1
         near = grid[first : first + 3]
         own, place = np.log(near), np.log(at)
-    from_own, apart = place - own, own[:, None] - own
-    np.fill_diagonal(apart, 1.0)
-    weights = [np.prod(np.delete(from_own, i)) / np.prod(apart[i]) for i in range(own.size)]
-    return [(float(value), float(weight)) for value, weight in zip(near.tolist(), weights, strict=True)]
+    weights = [
+        float(np.prod([(place - other) / (one - other) for k, other in enumerate(own.tolist()) if k != i]))
+        for i, one in enumerate(own.tolist())
+    ]
+    return list(zip(near.tolist(), weights, strict=True))
