@@ -41,6 +41,11 @@ QUICK = 0.5
 """Longest time that a fit from scratch may take to be made each second [s]: the rest of the second is the machine's."""
 GROWTH = 1.5
 """Factor by which a run has grown since the last fit from scratch when the next one is made beside the sums."""
+MOVED = 1.0
+"""Change of a value since the last fit from scratch, in its 95 % half intervals then, at which the next one is made
+beside the sums before the run has grown by `GROWTH`: the residual is linearised at values that no longer hold."""
+LEAST_GROWTH = 1.1
+"""Factor by which the run must have grown for that."""
 SILENT = 2.0
 """Time without a sample after which a channel is not waited for [s]."""
 
@@ -115,6 +120,11 @@ class LiveFit:
         """End the thread, without its fit."""
         self._pool.shutdown(wait=False, cancel_futures=True)
 
+    def wait(self) -> None:
+        """Wait for the fit from scratch that is being made beside the sums, if any."""
+        if self._beside is not None:
+            self._beside.exception()
+
     def seconds_there(self, samples: LiveSamples) -> int:
         """Whole seconds of which every channel has its samples, but those that are silent [s]."""
         ends = [int(block.t_ns[-1]) for block in samples.blocks(samples.latest_ns - round(SILENT * 1e9)).values()]
@@ -138,7 +148,10 @@ class LiveFit:
         except ChangedRunError:
             self._base = None
             return self.update(samples, seconds)
-        if self._beside is None and seconds >= GROWTH * base.seconds:
+        grown = seconds / base.seconds
+        if self._beside is None and (
+            grown >= GROWTH or (grown >= LEAST_GROWTH and _moved(fitted, base.fitted) > MOVED)
+        ):
             self._beside = self._pool.submit(self._anew, samples.blocks(), seconds)
         return self._result(fitted, base, seconds, time.process_time() - begun)
 
@@ -181,3 +194,10 @@ class LiveFit:
             float(seconds), fitted is base.fitted, base.seconds, estimates(fitted, None, runs),
             seconds_needed(fitted, self._target, float(seconds)), row_scores(fitted, base.floor), took,
         )  # fmt: skip
+
+
+def _moved(fitted: Fit, before: Fit) -> float:
+    """Largest change of a value since a fit before, in its 95 % half intervals with the sensor sheet."""
+    kept = before.place
+    half = 1.96 * np.sqrt(np.diag(before.covariance + before.covariance_sheet)[kept])
+    return float(np.max(np.abs(fitted.theta[kept] - before.theta[kept]) / half))

@@ -155,6 +155,22 @@ def test_sums_go_on_from_it_and_hardly_differ(log: Path, tmp_path: Path, monkeyp
     assert {str(row): score.ratio for row, score in found.scores.items()} == pytest.approx(ratios, rel=0.1)
 
 
+def test_values_that_move_ask_for_a_fit_from_scratch(log: Path, monkeypatch: pytest.MonkeyPatch):
+    for name, value in (("QUICK", 0.0), ("GROWTH", 1e9), ("LEAST_GROWTH", 1.0), ("MOVED", 0.0)):
+        monkeypatch.setattr(live_fit, name, value)
+    car = _Recording(log)
+    live = LiveFit(car.reader.start, model_of_study(None), 0.02)
+    try:
+        for seconds in (9, 10):
+            car.go_on(seconds + 0.06)
+            live.update(car.samples, seconds)
+        live.wait()
+        found = live.update(car.samples, 10)
+    finally:
+        live.close()
+    assert found.since == 10.0
+
+
 def test_what_was_missed_is_asked_for(log: Path):
     """One that comes late asks for all blocks before; what is no block changes nothing."""
     car = _Recording(log)
