@@ -204,3 +204,22 @@ def test_there_are_commands_in_the_pages():
 def test_links_between_pages_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", read(page)):
         assert ((HOME / page).parent / target).exists(), target
+
+
+LONGEST = 1600
+"""Words of prose that a page may have: beyond, nobody finds an answer in a minute. Source: a choice."""
+COLLECTIONS = ("CHANGELOG.md", "docs/catalogue.md", "docs/glossary.md")
+"""Pages of entries, each of which is read by itself."""
+
+
+def prose(text: str) -> int:
+    """Words outside code blocks and tables."""
+    plain = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    return sum(len(line.split()) for line in plain.splitlines() if not line.startswith("|"))
+
+
+def test_pages_are_short():
+    assert prose("two words\n| a | table |\n```sh\nlacet doctor\n```\n") == 2
+    lengths = {str(page.relative_to(HOME)): prose(page.read_text(encoding="utf-8")) for page in PAGES}
+    long = {page: words for page, words in lengths.items() if words > LONGEST}
+    assert {page for page in long if page not in COLLECTIONS and "reference" not in page} == set()
