@@ -24,7 +24,7 @@ from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.services.commands.bus_options import add_keys, credentials_of, router_of
 from lacet.services.render.live_fit import screen
-from lacet.services.workspace.live_follow import TARGET, LiveFollower, model_of_study
+from lacet.services.workspace.live_follow import TARGET, LiveFollower, model_of_study, nothing_known, over
 
 AGAIN = 2.0
 """Time between attempts to reach the router [s]."""
@@ -91,6 +91,8 @@ def run(args: argparse.Namespace) -> int:
                 if not complained:
                     print(f"{error}; trying every {AGAIN:g} s", file=sys.stderr, flush=True)
                 complained = True
+                if args.lines:
+                    shown.show(over(last) if last else nothing_known(args.target / 100.0, str(error)))
                 stop.wait(AGAIN)
                 continue
             follower = LiveFollower(BusListener(session), model_of, args.target / 100.0)

@@ -110,23 +110,33 @@ class LiveFollower:
         begun = samples.start.started_ns if samples.start else 0
         ledger = samples.ledger
         losses = ledger.get("losses")
-        out: dict[str, Any] = {
+        out = nothing_known(self._target, self._why) | {
             "run_id": self._run,
             "recording": samples.recording,
-            "target": self._target,
-            "why": self._why,
             "sensors": sensor_states(ledger),
             "losses": lost_text(losses) if isinstance(losses, dict) else "",
             "marks": marks_set(ledger, begun),
-            "seconds": None, "behind": None, "from_scratch": False, "since": None, "took": None,
-            "rows": [], "parameters": [], "enough": 0, "not_identifiable": [],
-        }  # fmt: skip
+        }
         if found is not None:
             out |= fit_state(found)
             # The newest sample heard, and the time that has gone by since.
             out["behind"] = 1e-9 * (samples.latest_ns - begun) + time.monotonic() - self._heard - found.seconds
         out["line"] = state_line(out)
         return dict(plain(out))
+
+
+def nothing_known(target: float, why: str) -> dict[str, Any]:
+    """What is known without a recording, as `LiveFollower.state` has it: `why` nothing is."""
+    return {
+        "run_id": "", "recording": False, "target": target, "why": why, "line": why, "sensors": [], "losses": "",
+        "marks": [], "seconds": None, "behind": None, "from_scratch": False, "since": None, "took": None, "rows": [],
+        "parameters": [], "enough": 0, "not_identifiable": [],
+    }  # fmt: skip
+
+
+def over(last: dict[str, Any]) -> dict[str, Any]:
+    """What was known of a recording last, once nothing more is heard."""
+    return {**last, "recording": False, "line": f"nothing more is heard; {last['line']}"}
 
 
 def fit_state(found: LiveResult) -> dict[str, Any]:

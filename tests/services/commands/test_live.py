@@ -19,7 +19,7 @@ from tests.support.captures import SINUS, cut
 from tests.support.processes import Command, commands
 from tests.support.rig import free_port
 
-SECONDS = 8.0
+SECONDS = 7.0
 
 
 def seen(live: Command) -> list[dict[str, Any]]:
