@@ -77,13 +77,13 @@ def test_a_killed_fit_leaves_the_recording_whole_and_a_late_one_has_it_all(tmp_p
     for one in last["parameters"]:
         if one["name"].startswith(("spring", "tyre_stiffness")):
             wanted = same[one["name"]]
-            assert abs(one["value"] - wanted["value"]) < 0.2 * wanted["half95_sheet"], one["name"]
-            assert one["half95_sheet"] == pytest.approx(wanted["half95_sheet"], rel=0.1), one["name"]
+            assert abs(one["value"] - wanted["value"]) < 0.3 * wanted["half95_sheet"], one["name"]
+            assert one["half95_sheet"] == pytest.approx(wanted["half95_sheet"], rel=0.2), one["name"]
             assert (one["answer"] == "enough") == (one["half95_sheet"] <= 0.02 * one["value"])
     assert last["enough"] >= 4
     ratios = {one["row"]: one["ratio"] for one in last["rows"]}
     assert ratios == pytest.approx(
-        {row: score["ratio"] for row, score in fitted["rows"]["used"]["log"].items()}, rel=0.1
+        {row: score["ratio"] for row, score in fitted["rows"]["used"]["log"].items()}, rel=0.25
     )
 
 
