@@ -53,24 +53,13 @@ def drive(car: str, folder: Path) -> None:
         raise SystemExit(f"{car}: not simulated")
 
 
-def joints(car: str, folder: Path) -> str:
-    """Joint tables of a car for its vehicle file, from its virtual bench."""
-    file = folder / "joints.toml"
-    if not file.exists():
-        bench, tables = folder / "bench", ("single-left", "single-right", "grid", "steer")
-        words = ["bench", "--car", car, "--force", "-o", str(bench)]
-        words += [word for name in tables for word in ("--test", name)]
-        if command(words) or command(["bench", *(str(bench / f"{name}.csv") for name in tables), "-o", str(file)]):
-            raise SystemExit(f"{car}: no bench")
-    return file.read_text(encoding="utf-8")
-
-
-def without_tables(text: str) -> str:
-    """A vehicle file without its bench tables."""
+def with_tables(text: str, tables: str) -> str:
+    """The vehicle file of a car with these of its tables only: joints, those of the bump test, or none."""
+    unwanted = {"joints": (), "bump": (".joints.",), "none": (".joints.", ".kinematics]")}[tables]
     out, skip = [], False
     for line in text.splitlines():
         if line.startswith("["):
-            skip = line.endswith(".kinematics]")
+            skip = any(part in line for part in unwanted)
         if not skip:
             out.append(line)
     return "\n".join(out) + "\n"
@@ -80,9 +69,7 @@ def fits(car: str, folder: Path, tables: str) -> None:
     """Fit and compare with these of `TABLES`, without and with the bars, and print."""
     text = (folder / f"{car}.toml").read_text(encoding="utf-8")
     vehicle = folder / f"tables-{tables}.toml"
-    if tables != "bump":
-        text = without_tables(text) + (joints(car, folder) if tables == "joints" else "")
-    vehicle.write_text(text, encoding="utf-8")
+    vehicle.write_text(with_tables(text, tables), encoding="utf-8")
     files = {"rig": RIG, "vehicle": vehicle}
     runs = lacet.load_runs(*(folder / f"{name}.parquet" for name in USED), **files)
     held = lacet.load_runs(folder / f"{HELD}.parquet", **files)

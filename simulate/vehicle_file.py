@@ -7,15 +7,17 @@ import math
 import numpy as np
 
 from lacet.daq.channels import CORNERS
+from lacet.daq.joint_tables import joints_text
 from lacet.simulate.cars import Axle, Car
-from lacet.simulate.linkage.bench import kinematics
+from lacet.simulate.linkage.bench import BenchTables
 from lacet.simulate.linkage.cars import SecondCar
 
 
 def vehicle_text(of: Car | SecondCar) -> str:
     """The car's geometry in the format of ``docs/vehicle.md``: the identification's a-priori knowledge.
 
-    Of a second car with the tables of its virtual bench: what one axle's wheels do in bump.
+    Of a second car with the tables of its virtual bench: the joints of each corner, which are used, and the bump test
+    of each axle, which is where a reader deletes them.
     """
     car = of.sizes if isinstance(of, SecondCar) else of
     moves = "its wheels hang on linkages" if isinstance(of, SecondCar) else "each wheel centre moves along body z only"
@@ -52,7 +54,7 @@ def vehicle_text(of: Car | SecondCar) -> str:
             )
         return lines
 
-    tables = kinematics(of) if isinstance(of, SecondCar) else {}
+    tables = BenchTables.of(of) if isinstance(of, SecondCar) else None
     heights = [round(height, 6) for height in car.heights.tolist()]
     differing: list[str] = []
     for corner, height in zip(CORNERS, heights, strict=True):
@@ -67,10 +69,10 @@ def vehicle_text(of: Car | SecondCar) -> str:
             "[geometry]",
             row("wheelbase", car.wheelbase, "m"),
             *axle("front", car.front, heights[0]),
-            *(table("front", tables["front"]) if tables else ()),
+            *(table("front", tables.kinematics["front"]) if tables else ()),
             *axle("rear", car.rear, heights[2]),
-            *(table("rear", tables["rear"]) if tables else ()),
+            *(table("rear", tables.kinematics["rear"]) if tables else ()),
             *differing,
-            "",
+            *([joints_text(tables.joints, "virtual bench")] if tables else [""]),
         ]
     )

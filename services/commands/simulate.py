@@ -66,7 +66,7 @@ several commands give each its own --seed, and all the same --sheet-seed.
 
 From a vehicle file come geometry and what its [apriori] table says (mass, spring.fl.k, …); the rest is usual for the
 size and is printed. Bench tables are not simulated: wheel centres move along body z. Those of the cars called second
-hang on linkages; these hide sensor faults only."""
+hang on linkages, and their vehicle file has the joint tables of a bench; these hide sensor faults only."""
 
 HOUR_NS = 3_600_000_000_000
 RUN_STEP = 1000

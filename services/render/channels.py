@@ -63,7 +63,7 @@ def from_equations(found: EquationFault) -> str:
     if isinstance(found, Suspects):
         names = ", ".join(f"{column} ({100.0 * part:.0f} %)" for column, part in found.columns.items())
         return (
-            f"{_runs(found.runs)}: the base model leaves {found.misfit:.0f} times what noise explains, which no "
+            f"{_runs(found.runs)}: the car's equations leave {found.misfit:.0f} times what noise explains, which no "
             "missing effect does. Look at these channels first, whose scale or delay would explain most of it: "
             f"{names}"
         )
@@ -80,9 +80,7 @@ def from_equations(found: EquationFault) -> str:
 
 def _fault(found: ColumnFault) -> str:
     column, value, half = " or ".join((found.column, *found.ties)), found.value, found.half
-    misfit = (
-        f"the base model leaves {found.misfit:.3g} times what noise explains, and {found.remaining:.3g} without that"
-    )
+    misfit = _misfit(found)
     match found.fault:
         case Fault.SIGN:
             return f"{column} has the wrong sign: the car's equations need {value:.2f} ± {half:.2f} times it ({misfit})"
@@ -101,7 +99,7 @@ def _fault(found: ColumnFault) -> str:
 
 def _misfit(found: ColumnFault | Misplaced) -> str:
     before, after = f"{found.misfit:.3g}", f"{found.remaining:.3g}"
-    return f"the base model leaves {before} times what noise explains, and {after} without that"
+    return f"the car's equations leave {before} times what noise explains, and {after} without that"
 
 
 def _runs(runs: Mapping[str, tuple[float, float]]) -> str:

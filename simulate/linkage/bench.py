@@ -14,8 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.daq.bench_readings import BenchReadings, joint_tables
 from lacet.daq.channels import CORNERS
 from lacet.daq.errors import UsageError, nearest
+from lacet.daq.joint_tables import JointTables
+from lacet.daq.units import read_unit
 from lacet.simulate.linkage.cars import SecondCar
 from lacet.simulate.linkage.mechanism import Mechanism
 from lacet.simulate.linkage.statics import Loads, Shape, Statics
@@ -175,13 +178,41 @@ class Bench:
         return out
 
 
-def kinematics(car: SecondCar) -> dict[str, dict[str, Array]]:
-    """By axle, "front" and "rear": series of the vehicle file's bench table [m, rad], from the bump test.
+JOINT_TESTS = ("single-left", "single-right", "grid", "steer")
+"""Tests that give the joints of every corner: each variable alone, and several together for the mixed terms."""
 
-    `travel`, `half_track`, `half_wheelbase`, `camber`, `toe`, `pitch` as changes from the design position, mean of both
-    sides.
+
+@dataclass(frozen=True)
+class BenchTables:
+    """What the vehicle file of a car has from its bench.
+
+    Attributes
+    ----------
+    kinematics : by axle, "front" and "rear": series of the table of the bump test [m, rad], `travel`, `half_track`,
+        `half_wheelbase`, `camber`, `toe`, `pitch` as changes from the design position, mean of both sides.
+    joints : joint tables by corner.
     """
-    columns = Bench(Mechanism(car)).run(bench_tests()["bump"]).columns
+
+    kinematics: dict[str, dict[str, Array]]
+    joints: dict[str, JointTables]
+
+    @classmethod
+    def of(cls, car: SecondCar) -> BenchTables:
+        """The tables of a car, from a bench without noise. Some seconds of computing."""
+        bench, tests = Bench(Mechanism(car)), bench_tests()
+        parts = [bench.run(tests[name]).columns for name in JOINT_TESTS]
+        columns = {name: np.concatenate([_si(name, part[name]) for part in parts]) for name in parts[0]}
+        return cls(_bump(bench.run(tests["bump"]).columns), joint_tables(BenchReadings(columns, JOINT_TESTS)))
+
+
+def _si(name: str, values: Array) -> Array:
+    """A column of a test in SI units."""
+    unit = read_unit(COLUMNS[name.partition(".")[0]][0] if name != "rack" else "mm")
+    return values * unit.factor
+
+
+def _bump(columns: dict[str, Array]) -> dict[str, dict[str, Array]]:
+    """Series of the bump test by axle [m, rad]."""
     middle = len(columns["rack"]) // 2
     series = {"half_track": "y", "half_wheelbase": "x", "camber": "camber", "toe": "toe", "pitch": "spin"}
     out = {}
@@ -189,6 +220,5 @@ def kinematics(car: SecondCar) -> dict[str, dict[str, Array]]:
         out[axle] = {"travel": 1e-3 * columns[f"travel.{axle[0]}l"]}
         for name, column in series.items():
             both = 0.5 * (columns[f"{column}.{axle[0]}l"] + columns[f"{column}.{axle[0]}r"])
-            change = both - both[middle]
-            out[axle][name] = np.radians(change) if COLUMNS[column][0] == "deg" else 1e-3 * change
+            out[axle][name] = _si(f"{column}.", both - both[middle])
     return out

@@ -1,4 +1,6 @@
-"""Equations of the base model on one run, beside them what a scale error or a delay of each channel would change.
+"""Equations of a car on one run, beside them what a scale error or a delay of each channel would change.
+
+The laws are those of the base model, and spring and damping across each axle.
 
 The left sides are linear in the wheel loads, so that the scale of one of their columns is estimated exactly, beside all
 parameters of the car; in the other channels it is a first-order estimate.
@@ -6,7 +8,7 @@ parameters of the car; in the other channels it is a first-order estimate.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,8 +16,9 @@ import numpy as np
 from lacet.daq.channels import CHANNELS
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import PhysicalEffect
-from lacet.identify.effects.catalogue import base_model
+from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.effects.sensors.sensor_position import SensorPosition
+from lacet.identify.effects.suspension.across_axle import AcrossAxle
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import ROUGH, Sensitivity
@@ -83,7 +86,7 @@ class PositionEstimate:
 
 @dataclass(frozen=True)
 class FaultColumns:
-    """Products of the base model's equations with the columns of all faults, by block of the run.
+    """Products of the equations with the columns of all faults, by block of the run.
 
     Attributes
     ----------
@@ -91,7 +94,7 @@ class FaultColumns:
     whole : (w, w) products of [nuisance, scale and delay of each column, position of the inertial unit along three
         axes, left side], rows ÷ noise floor; the zeros of all columns are removed run by run.
     left_out : (B, w, w) the same with one block left out.
-    priors : (q,) 1 σ of the nuisance: parameters of the base model, delays of whole instruments.
+    priors : (q,) 1 σ of the nuisance: parameters of the laws, delays of whole instruments.
     noise, signal : (c, 2) variance of the sheet's noise, and of the column, of its values and of its rate, up to the
         fit's cut-off, times the number of samples.
     count : number of samples.
@@ -110,43 +113,63 @@ class FaultColumns:
     @classmethod
     def of(cls, run: PreparedRun) -> FaultColumns | None:
         """The products of a run, of a long one those of its first piece; None where no row can be formed."""
+        return next(iter(cls._of_rows(run, lambda rows: [rows])), None)
+
+    @classmethod
+    def by_row(cls, run: PreparedRun) -> dict[Row, FaultColumns]:
+        """The products of each row of a run by itself: what it says beside parameters of its own."""
+        run = next(iter(run.pieces()))
+        return dict(zip(run.rows, cls._of_rows(run, lambda rows: [(row,) for row in rows]), strict=True))
+
+    @classmethod
+    def _of_rows(
+        cls, run: PreparedRun, parts: Callable[[tuple[Row, ...]], Sequence[tuple[Row, ...]]]
+    ) -> list[FaultColumns]:
+        """The products of these parts of a run's rows; empty where no row can be formed."""
         run = next(iter(run.pieces()))
         if not run.rows:
-            return None
+            return []
         recording = run.recording
-        effects = [e for effect in base_model(recording.vehicle, recording.reference) if (e := effect.as_physics)]
+        effects = _laws(recording)
         priors = np.array([q.prior for effect in effects for q in effect.parameters])
         sensitivity = Sensitivity.of(recording, effects, _first_estimate(run, effects, priors), ROUGH)
         floor = _floor(run, sensitivity)
         channels = sensitivity.channels
-        parts: dict[Row, list[Array]] = {row: [] for row in run.rows}
         changes = [_changes(run, sensitivity, channel) for channel in channels]
         delays = _of_instruments(recording, {c: fault for c, (_, fault) in zip(channels, changes, strict=True)})
         unit = [_of_position(run, sensitivity, axis) for axis in "xyz"]
-        for row, found in parts.items():
-            found += [zero[row].T / floor[row] for zero, _ in changes]
-            found.append(run.matrix(effects, row) / floor[row])
-            found += [some[row].T / floor[row] for some in (*delays.values(), *(fault for _, fault in changes))]
-        blocks = np.zeros((BLOCKS, 1, 1))
-        for row, found in parts.items():
-            others = [*(axis[row] for axis in unit), run.measured[row]]
-            table = np.concatenate([*found, np.stack(others, axis=1) / floor[row]], axis=1)
-            blocks = blocks + np.stack([block.T @ block for block in np.array_split(table, BLOCKS)])
-        total = blocks.sum(axis=0)
         columns = [(channel, column) for channel in channels for column in CHANNELS[channel].columns]
         rig = recording.rig
         zeros = np.array([rig.tolerance(channel, "zero") or rig.noise(channel) for channel, _ in columns])
         variances = [_variances(run, channel) for channel in channels]
-        return cls(
-            tuple(column for _, column in columns),
-            _reduced(total, zeros),
-            np.stack([_reduced(total - block, zeros) for block in blocks]),
-            np.concatenate([priors, np.full(len(delays), _ANY_DELAY)]),
-            recording.t.size * np.concatenate([noise for noise, _ in variances]),
-            recording.t.size * np.concatenate([signal for _, signal in variances]),
-            sum(len(run.index[row]) for row in run.rows),
-            len(priors) + list(delays).index(_UNIT) if _UNIT in delays else -1,
-        )
+
+        def products(row: Row) -> Array:
+            found = [zero[row].T for zero, _ in changes]
+            found.append(run.matrix(effects, row))
+            found += [some[row].T for some in (*delays.values(), *(fault for _, fault in changes))]
+            found.append(np.stack([*(axis[row] for axis in unit), run.measured[row]], axis=1))
+            table = np.concatenate(found, axis=1) / floor[row]
+            return np.stack([block.T @ block for block in np.array_split(table, BLOCKS)])
+
+        out: list[FaultColumns] = []
+        for rows in parts(tuple(run.rows)):
+            blocks = products(rows[0])
+            for row in rows[1:]:
+                blocks += products(row)
+            total = blocks.sum(axis=0)
+            out.append(
+                cls(
+                    tuple(column for _, column in columns),
+                    _reduced(total, zeros),
+                    np.stack([_reduced(total - block, zeros) for block in blocks]),
+                    np.concatenate([priors, np.full(len(delays), _ANY_DELAY)]),
+                    recording.t.size * np.concatenate([noise for noise, _ in variances]),
+                    recording.t.size * np.concatenate([signal for _, signal in variances]),
+                    sum(len(run.index[row]) for row in rows),
+                    len(priors) + list(delays).index(_UNIT) if _UNIT in delays else -1,
+                )
+            )
+        return out
 
     @classmethod
     def joined(cls, parts: Sequence[FaultColumns]) -> FaultColumns:
@@ -172,7 +195,7 @@ class FaultColumns:
 
     @property
     def misfit(self) -> float:
-        """Weighted squares that the base model leaves ÷ number of samples: 1 where it lacks nothing."""
+        """Weighted squares that the laws leave ÷ number of samples: 1 where they lack nothing."""
         return float(_reduced(self.whole, self.priors)[-1, -1]) / self.count
 
     def estimates(self) -> list[FaultEstimate]:
@@ -210,6 +233,17 @@ class FaultColumns:
         value = _three(whole)
         spread = _jackknife(np.stack([_three(_reduced(part, self.priors)) for part in self.left_out]))
         return PositionEstimate(value, spread, float(value @ whole[-4:-1, -1]) / self.count)
+
+
+def _laws(recording: Recording) -> list[PhysicalEffect]:
+    """Laws beside which a fault is estimated: the base model, and spring and damping across each axle.
+
+    Without the latter each wheel would be taken to be suspended by itself. What beams, rigid axles and bars do between
+    the wheels of an axle then has to come from the loads, and is worth several times the moments of a wheel.
+    """
+    known = catalogue(recording.vehicle, recording.reference).values()
+    found = [effect for effect in known if effect.base or isinstance(effect, AcrossAxle)]
+    return [physics for effect in found if (physics := effect.as_physics)]
 
 
 def _first_estimate(run: PreparedRun, effects: Sequence[PhysicalEffect], priors: Array) -> Array:

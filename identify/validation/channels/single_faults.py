@@ -1,8 +1,11 @@
 """One channel's column with another sign, in another unit or late, from the car's own equations.
 
-Beside all parameters of the base model the column's scale and delay are estimated (`fault_columns`). A fault is stated
-where the estimate excludes every value of a sound column, whatever the car lacks: a missing effect changes forces by
-parts of them, and is never worth a wheel's side force with the other sign.
+Beside all parameters of the base model, and spring and damping across each axle, the column's scale and delay are
+estimated (`fault_columns`). A fault is stated where the estimate excludes every value of a sound column, whatever the
+car lacks: a missing effect changes forces by parts of them, and is never worth a wheel's side force with the other
+sign. It may be worth a small load, as the drag of a free wheel. A reversed column is reversed in each row that it
+enters, while what the car lacks is divided among the rows to suit: a wrong sign is stated only where one row shows it
+by itself, and none shows that it is right. Where that row is certain, the others may miss −1 by what the car lacks.
 """
 
 from __future__ import annotations
@@ -105,7 +108,7 @@ class ColumnFault:
 
 @dataclass(frozen=True)
 class Suspects:
-    """Columns that explain most of what the base model leaves in a run, where none is at fault for sure.
+    """Columns that explain most of what the laws leave in a run, where none is at fault for sure.
 
     `misfit` : root of the weighted squares ÷ samples (1 : noise alone); `columns` : column → the part of the excess
     that its scale or delay takes away, the largest first.
@@ -155,7 +158,7 @@ def column_faults(runs: Sequence[PreparedRun]) -> list[EquationFault]:
         if misplaced is not None and misplaced.misfit**2 - misplaced.remaining**2 > least:
             return [misplaced]
     if not out and len(each) > 1:
-        found = _joint_fault(joined, seconds)
+        found = _joint_fault([run for run, _ in each], joined, seconds)
         out = [found] if found is not None else []
     return [*_together(out)]
 
@@ -186,10 +189,12 @@ def _misplaced(
     return Misplaced(off, half, misfit**0.5, max(0.0, misfit - found.fall) ** 0.5, seconds) if off else None
 
 
-def _joint_fault(products: FaultColumns, seconds: Mapping[str, tuple[float, float]]) -> ColumnFault | None:
+def _joint_fault(
+    runs: Sequence[PreparedRun], products: FaultColumns, seconds: Mapping[str, tuple[float, float]]
+) -> ColumnFault | None:
     """The fault of one column in all runs together, too small to be seen in one; None where there is none."""
     estimates, misfit = products.estimates(), products.misfit
-    if (wrong := _first_wrong_scale(products, estimates, seconds)) is not None or not estimates:
+    if (wrong := _first_wrong_scale(runs, products, estimates, seconds)) is not None or not estimates:
         return wrong
     one = max(estimates, key=lambda one: one.delay_fall)
     least = abs(one.delay) - _reach(products.block_count) * one.delay_spread
@@ -231,7 +236,7 @@ def _fault(run: PreparedRun, products: FaultColumns) -> ColumnFault | Suspects |
         and _is_large(misfit - remaining, misfit)
         and abs(delay) - _reach(BLOCKS) * spread > LATE
     ]
-    wrong = _first_wrong_scale(products, estimates, seconds)
+    wrong = _first_wrong_scale([run], products, estimates, seconds)
     if late or wrong is not None:
         return min([*late, *([wrong] if wrong is not None else [])], key=lambda one: one.remaining)
     if misfit**0.5 < _GROSS:
@@ -241,22 +246,53 @@ def _fault(run: PreparedRun, products: FaultColumns) -> ColumnFault | Suspects |
 
 
 def _is_large(fall: float, misfit: float) -> bool:
-    """Whether a delay explains all that the base model leaves, or so much that a missing effect may hold the rest."""
+    """Whether a delay explains all that the laws leave, or so much that a missing effect may hold the rest."""
     return fall > _EXPLAINS * (misfit - 1.0) or fall > max(_MUCH, _LATE_PART * (misfit - 1.0))
 
 
 def _first_wrong_scale(
-    products: FaultColumns, estimates: Sequence[FaultEstimate], seconds: Mapping[str, tuple[float, float]]
-) -> ColumnFault | None:
+    runs: Sequence[PreparedRun], products: FaultColumns, estimates: Sequence[FaultEstimate],
+    seconds: Mapping[str, tuple[float, float]],
+) -> ColumnFault | None:  # fmt: skip
     """The first of the columns whose scale is certainly wrong; None where all may be right."""
     misfit, reach = products.misfit, _reach(products.block_count)
+    by_row: list[dict[str, FaultEstimate]] | None = None
     for one in estimates:
         if (fault := _wrong_scale(one, misfit, reach * one.scale_spread)) is not None:
             remaining = max(0.0, misfit - one.scale_fall) ** 0.5
             kind, unit = fault
+            if kind is Fault.SIGN:
+                by_row = _by_row(runs) if by_row is None else by_row
+                said = [row[one.column] for row in by_row if one.column in row]
+                width = _USUAL if _is_opposite(one) else reach
+                if not any(_is_reversed(row, width) for row in said) or any(_is_sound(row, reach) for row in said):
+                    continue
             half = _USUAL * one.scale_spread
             return ColumnFault(one.column, kind, one.scale, half, misfit**0.5, remaining, seconds, unit)
     return None
+
+
+def _by_row(runs: Sequence[PreparedRun]) -> list[dict[str, FaultEstimate]]:
+    """Estimates of each row by itself in all runs together, by column."""
+    each = [FaultColumns.by_row(run) for run in runs]
+    rows = dict.fromkeys(row for found in each for row in found)
+    joined = [FaultColumns.joined([found[row] for found in each if row in found]) for row in rows]
+    return [{one.column: one for one in products.estimates()} for products in joined]
+
+
+def _is_opposite(one: FaultEstimate) -> bool:
+    return abs(one.scale + 1.0) < max(_USUAL * one.scale_spread, _OPPOSITE)
+
+
+def _is_reversed(one: FaultEstimate, width: float) -> bool:
+    """Whether an estimate of one row is that of a column with the other sign, and of no sound one within `width` σ."""
+    return _is_opposite(one) and one.scale + width * one.scale_spread < 1.0 / _TWICE
+
+
+def _is_sound(one: FaultEstimate, reach: float) -> bool:
+    """Whether an estimate of one row is that of a sound column, and certainly of no reversed one."""
+    sound = abs(one.scale - 1.0) < max(_USUAL * one.scale_spread, _OPPOSITE)
+    return sound and one.scale - reach * one.scale_spread > -1.0 / _TWICE
 
 
 def _reach(blocks: int) -> float:
@@ -269,8 +305,7 @@ def _wrong_scale(one: FaultEstimate, misfit: float, half: float) -> tuple[Fault,
         return None
     if misfit - one.scale_fall > _GROSS**2:  # beside a misfit as large any value may come out
         return None
-    opposite = abs(one.scale + 1.0) < max(_USUAL * one.scale_spread, _OPPOSITE)
-    if opposite and one.scale + half < 1.0 / _TWICE:
+    if one.scale + half < (1.0 / _TWICE if _is_opposite(one) else -_OPPOSITE):
         return Fault.SIGN, ""
     if one.noise > _NOISY or one.scale_fall < max(_MUCH, _EXPLAINS * (misfit - 1.0)):
         return None

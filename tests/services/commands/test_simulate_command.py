@@ -10,6 +10,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 
+from lacet import add, base_model, compare, fit, load_runs
 from lacet.daq.channels import CHANNELS, STANDARD
 from lacet.daq.formats.log import LogReader
 from lacet.daq.formats.open_run import open_run
@@ -262,6 +263,24 @@ def test_a_car_on_linkages_writes_what_identify_reads_and_keeps_its_truth_apart(
     assert found["design"]["roll_stiffness"][0] > 0.0
     assert "bushings" in found["car"]["linkage"]
     assert all(b"bushing" not in file.read_bytes() for file in out.iterdir())
+
+
+def test_a_car_on_linkages_is_identified_with_what_was_written_beside_its_runs(tmp_path: Path) -> None:
+    """With the joints of its vehicle file the suspension rows come to their floor, without them they do not."""
+    words = ["--car", "second", "--manoeuvre", "sinus", "--set", "duration=5", "--set", "amplitude=0.03"]
+    assert lacet("simulate", "--rig", "peugeot-406", *words, "--format", "parquet", "-o", tmp_path) == 0
+    text = (tmp_path / "second.toml").read_text(encoding="utf-8")
+    (tmp_path / "bump.toml").write_text(text[: text.index("[corner.fl.joints.own]")], encoding="utf-8")
+    worst = {}
+    for vehicle in ("second", "bump"):
+        runs = load_runs(tmp_path / "sinus.parquet", rig="peugeot-406", vehicle=tmp_path / f"{vehicle}.toml")
+        fitted = fit(base_model(runs), runs)
+        for effect in ("anti_roll_bar.front", "anti_roll_bar.rear", "axle_damping.rear"):
+            fitted = add(fitted, effect)
+        (rows,) = compare(fitted).ratios.values()
+        worst[vehicle] = max(ratio for row, ratio in rows.items() if row.startswith("suspension"))
+    assert worst["second"] < 1.25
+    assert worst["bump"] > 1.35
 
 
 def test_the_bench_writes_a_table_a_test_and_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -90,6 +90,24 @@ def test_the_vehicle_file_has_the_bump_test_and_loads() -> None:
             np.testing.assert_allclose(scale * getattr(table, own), change, atol=1e-4)
 
 
+def test_the_vehicle_file_has_the_joints_of_each_corner() -> None:
+    """Alone they are the mechanism's; both wheels together they are the bump test, within the error they state."""
+    vehicle = Vehicle.parse(vehicle_text(SecondCar.named("second")), "second.toml")
+    columns, car = Bench(mechanism("second")).run(find_test("bump")).columns, statics("second")
+    moved = car.solve(np.array([0.033, 0.0, 0.033, 0.0]), 0.0).centres - car.mechanism.car.wheel_centres
+    for i, (c, corner) in enumerate(vehicle.corners.items()):
+        joints = corner.joints
+        assert joints is not None
+        assert joints.steered == (c[0] == "f")
+        own, other = (0.033, 0.0) if c[1] == "l" else (0.0, 0.033)
+        found = joints.at(np.array(own), np.array(other), np.array(0.0))
+        np.testing.assert_allclose(found[:2], [corner.side * moved[i, 1], moved[i, 0]], atol=2e-5)
+        travel = 1e-3 * columns[f"travel.{c}"][2:-2]
+        lateral = 1e-3 * columns[f"y.{c}"][2:-2]
+        error = joints.at(travel, travel, np.zeros_like(travel))[:, 0] - lateral
+        assert np.max(np.abs(error)) < joints.mixed["half_track"] + 2e-5
+
+
 def test_noise_is_that_of_a_rig_and_the_table_is_a_csv_with_units() -> None:
     test = short("bump")
     clean, noisy = (Bench(mechanism("second"), noise=noise).run(test) for noise in (0.0, 1.0))

@@ -11,10 +11,15 @@ from lacet.daq.channels import COLUMNS
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.rows import Row
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.validation.channels.fault_columns import FaultColumns
 from lacet.identify.validation.channels.single_faults import ColumnFault, Fault, Suspects, column_faults
 from lacet.services.render.channels import from_equations
+from lacet.simulate import exchange_run, make_manoeuvre
+from lacet.simulate import run as simulate_drive
+from lacet.simulate.linkage import SecondCar
+from lacet.simulate.vehicle_file import vehicle_text
 from tests.identify.validation.channels.spoilt_columns import LATE, series_of, spoilt_column, with_column
 from tests.support.tables import CAR, piece, without
 
@@ -89,6 +94,36 @@ def test_where_no_column_is_at_fault_for_sure_those_to_look_at_are_named() -> No
 def test_nothing_is_said_of_sound_runs(name: str) -> None:
     """Both anti-roll bars are missing in the base model, and no channel is blamed for it."""
     assert column_faults([prepared(run_of(name))]) == []
+
+
+def test_a_wrong_sign_is_not_named_where_the_rows_by_themselves_show_the_right_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What a car lacks can look like a reversed column in all rows together, and in none alone."""
+    spoilt, column = prepared(spoilt_column(run_of("sine"), "wheel.rl.moment.x", "sign")), "wheel.rl.moment.x"
+    of_spoilt, of_sound = FaultColumns.by_row(spoilt), FaultColumns.by_row(prepared(run_of("sine")))
+    (shown,) = (one.scale for one in of_spoilt[Row.parse("chassis.mx")].estimates() if one.column == column)
+    assert shown == pytest.approx(-1.0, abs=0.2)
+    monkeypatch.setattr(FaultColumns, "by_row", lambda run: of_spoilt if run is spoilt else {})
+    assert [fault.column for fault in column_faults([spoilt]) if isinstance(fault, ColumnFault)] == [column]
+    monkeypatch.setattr(FaultColumns, "by_row", lambda run: of_sound)
+    assert not any(isinstance(fault, ColumnFault) for fault in column_faults([spoilt]))
+    both = {**of_spoilt, Row.parse("chassis.mx"): of_sound[Row.parse("chassis.mx")]}
+    monkeypatch.setattr(FaultColumns, "by_row", lambda run: both)
+    assert not any(isinstance(fault, ColumnFault) for fault in column_faults([spoilt]))
+
+
+def test_dampers_that_both_wheels_of_a_live_axle_move_are_no_fault() -> None:
+    """On a rough road they are worth more than the wheels' camber moments, which then seemed to have the other sign."""
+    pytest.importorskip("mujoco")
+    car = SecondCar.named("second-live-axle")
+    run = exchange_run(simulate_drive(car, make_manoeuvre("rough", duration=5.0), [], 0), RIG, 0, name="rough")
+    products = FaultColumns.of(PreparedRun.of(run, Vehicle.parse(vehicle_text(car)), RIG))
+    assert products is not None
+    assert products.misfit < 1.3
+    scales = {one.column: one for one in products.estimates()}
+    for column in ("wheel.rl.moment.x", "wheel.rr.moment.x"):
+        assert scales[column].scale > scales[column].scale_spread
 
 
 def test_zeros_that_differ_from_run_to_run_are_no_fault() -> None:
