@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from typing import TypeVar
@@ -12,6 +13,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 K = TypeVar("K", bound=Hashable)
+
+
+def free_bytes() -> int:
+    """Free space on the disk where `DiskSpace` writes [bytes]."""
+    return shutil.disk_usage(tempfile.gettempdir()).free
 
 
 class DiskSpace:

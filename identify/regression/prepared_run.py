@@ -32,7 +32,7 @@ from lacet.identify.signals.reconstruct import Recording, Signals, bring_togethe
 
 PIECE = 60.0
 """Longer runs are worked on in pieces of about this length [s]: memory does not grow with their full-rate motion."""
-_OVERVIEW = 50.0
+OVERVIEW = 50.0
 """Least rate of the overview of a long run [Hz]: above twice the pre-filter's usual cut-off."""
 _TOGETHER = 120_000
 """Samples of the series that are filtered together: so many stay in the cache."""
@@ -327,7 +327,7 @@ class PreparedRun:
 
     def overview(self) -> PreparedRun:
         """The run itself, or of a long one fewer samples, at 50 Hz or more: for checks, phases and ranges."""
-        step = max(1, int(self.recording.filters.rate / _OVERVIEW)) if self.is_long else 1
+        step = max(1, int(self.recording.filters.rate / OVERVIEW)) if self.is_long else 1
         return self if step == 1 else PreparedRun(self.recording.thinned(step), is_piece=True)
 
     def noisy(self, seed: Sequence[int], loads: bool = False, keep: bool = False) -> Iterator[PreparedRun]:

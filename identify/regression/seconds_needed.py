@@ -15,6 +15,7 @@ import numpy as np
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.corrected_scores import given_back
 from lacet.identify.regression.qr_accumulation import orthonormaliser
+from lacet.identify.regression.recursive_fit import GrownFit
 from lacet.identify.regression.wls import Fit
 
 ENDLESS = 1e4
@@ -40,7 +41,7 @@ class Enough:
     seconds: Array
 
 
-def seconds_needed(fitted: Fit, target: float, length: float) -> Enough:
+def seconds_needed(fitted: Fit | GrownFit, target: float, length: float) -> Enough:
     """What is needed that each parameter's half interval is at most `target` of its value.
 
     Parameters
@@ -79,14 +80,14 @@ def _first(relative: Array, target: float) -> float:
     return float(np.exp(np.interp(-target, -relative[k - 1 : k + 1], np.log(_TIMES[k - 1 : k + 1]))))
 
 
-def _mostly_noise(fitted: Fit) -> Array:
+def _mostly_noise(fitted: Fit | GrownFit) -> Array:
     """(q,) variances of the directions whose columns are mostly noise, however long the run is."""
     inverse = orthonormaliser(fitted.root[:, : len(fitted.place)])
     priors = 1.0 / np.diag(fitted.equations.known)
     return np.diag(given_back(inverse, fitted.moments.slopes.mean(axis=0), priors))
 
 
-def _variances(fitted: Fit) -> Array:
+def _variances(fitted: Fit | GrownFit) -> Array:
     """(T, q) variances as if residuals were independent, with the information of the samples multiplied by `_TIMES`."""
     run, known = fitted.equations.runs[0], fitted.equations.known
     z, q = len(run.zeros), fitted.equations.p

@@ -37,18 +37,25 @@ def clustered_scores(
     return scores
 
 
-def hac(scores: Array) -> Array:
-    """Driscoll–Kraay covariance of the summed scores with Bartlett weights, (p, p).
-
-    Bandwidth after Newey and West (1994): 4 (T/100)^(2/9), at least 4, doubled because filtered residuals are coloured
-    up to the fit's cut-off.
+def bandwidth(length: int) -> int:
+    """Number of lags for so many instants after Newey and West (1994): 4 (T/100)^(2/9), at least 4, doubled because
+    filtered residuals are coloured up to the fit's cut-off.
     """
+    return min(length - 1, 2 * int(np.ceil(4.0 * (length / 100.0) ** (2.0 / 9.0))))
+
+
+def hac(scores: Array) -> Array:
+    """Driscoll–Kraay covariance of the summed scores with Bartlett weights, (p, p), over `bandwidth` lags."""
     length = scores.shape[0]
-    lags = min(length - 1, 2 * int(np.ceil(4.0 * (length / 100.0) ** (2.0 / 9.0))))
-    out = scores.T @ scores
-    for lag in range(1, lags + 1):
-        cross = scores[lag:].T @ scores[:-lag]
-        out += (1.0 - lag / (lags + 1.0)) * (cross + cross.T)
+    lags = range(bandwidth(length) + 1)
+    return bartlett(np.stack([scores[lag:].T @ scores[: length - lag] for lag in lags]))
+
+
+def bartlett(by_lag: Array) -> Array:
+    """(p, p) covariance of summed scores from the sums of their products by lag, (lags + 1, p, p)."""
+    out = by_lag[0].copy()
+    for lag in range(1, len(by_lag)):
+        out += (1.0 - lag / len(by_lag)) * (by_lag[lag] + by_lag[lag].T)
     # Bartlett's weights keep it positive; what rounding leaves below zero is cut.
     return 0.5 * (out + out.T)
 

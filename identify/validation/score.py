@@ -170,9 +170,8 @@ def profile_zeros(run: PreparedRun, zeros: Zeros, residual: Mapping[Row, Array],
     A row that the model fails in is weighted by its own error; otherwise the zeros would absorb that error and spoil
     the rows in which the model is right.
     """
-    values = np.zeros(len(zeros.names))
     if not zeros.names:
-        return values
+        return np.zeros(0)
     sigma = {row: max(floor[row], float(np.std(residual[row]))) for row in run.rows}
     columns, right = dict[Row, Array](), dict[Row, Array]()
     for row in run.rows:
@@ -181,13 +180,27 @@ def profile_zeros(run: PreparedRun, zeros: Zeros, residual: Mapping[Row, Array],
             # The triangle of a row's equations has their least squares, and their sum of squares, in z + 1 lines.
             both = triangle(np.column_stack([columns[row], right[row]]))
             columns[row], right[row] = both[:, :-1], both[:, -1]
+    counts = {row: len(residual[row]) for row in run.rows}
+    return weighted_zeros(zeros.sigma, columns, right, counts, sigma, floor)
+
+
+def weighted_zeros(
+    priors: Array, columns: Mapping[Row, Array], right: Mapping[Row, Array], counts: Mapping[Row, int],
+    sigma: Mapping[Row, float], floor: Mapping[Row, float],
+) -> Array:  # fmt: skip
+    """(z,) sensor zeros with 1 σ `priors` that explain a residual best, each row weighted by its own error.
+
+    `columns` of the zeros and residual `right` by row, or the triangles of both, which have the sums of squares of
+    `counts` samples; `sigma` : errors to begin with; `floor` : least of them.
+    """
+    values = np.zeros(len(priors))
     for _ in range(5):
-        A = np.concatenate([columns[row] / sigma[row] for row in run.rows] + [np.diag(1.0 / zeros.sigma)])
-        b = np.concatenate([right[row] / sigma[row] for row in run.rows] + [np.zeros(len(zeros.names))])
+        A = np.concatenate([columns[row] / sigma[row] for row in columns] + [np.diag(1.0 / priors)])
+        b = np.concatenate([right[row] / sigma[row] for row in columns] + [np.zeros(len(priors))])
         values = np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], float)
-        left = {row: right[row] - columns[row] @ values for row in run.rows}
-        squares = {row: _mean(left[row] ** 2, len(residual[row])) for row in run.rows}
-        sigma = {row: max(floor[row], float(np.sqrt(squares[row]))) for row in run.rows}
+        left = {row: right[row] - columns[row] @ values for row in columns}
+        squares = {row: _mean(left[row] ** 2, counts[row]) for row in columns}
+        sigma = {row: max(floor[row], float(np.sqrt(squares[row]))) for row in columns}
     return values
 
 

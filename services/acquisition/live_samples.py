@@ -1,9 +1,8 @@
-"""Samples of a run while it is recorded: its blocks from the bus in memory, with those missed asked for."""
+"""Samples of a run while it is recorded: its blocks from the bus, with those missed asked for."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
 from typing import Any
 
 from lacet.daq.blocks import Block
@@ -13,25 +12,29 @@ from lacet.daq.bus.session import Keys
 from lacet.daq.bus.spool import BLOCK_RATE, MOST_BLOCKS
 from lacet.daq.channels import CHANNELS
 from lacet.daq.formats.wire import StartRecord, WireError, block_from_bytes, start_from_bytes
+from lacet.daq.set_aside import DiskSpace, free_bytes
 from lacet.services.acquisition.assembly import AHEAD, REQUEST
+from lacet.services.acquisition.block_store import BlockStore
+from lacet.services.acquisition.log_medium import RESERVE_BYTES
 
-
-@dataclass
-class _Channel:
-    """Blocks of one channel by number; `end` is one past the last that was heard."""
-
-    blocks: dict[int, Block] = field(default_factory=dict[int, Block])
-    end: int = 0
+LEAST_FREE = 5 * RESERVE_BYTES
+"""Least free space on the disk of temporary files at which samples are still put there [bytes]: a recorder that writes
+to the same disk stops at `RESERVE_BYTES`."""
+EVER = 2**63 - 1
+"""Later than every stamp [ns]."""
 
 
 class LiveSamples:
     """The run that is recorded at present, as far as it has come over the bus; a later run takes its place.
+
+    The last minute of each channel is in memory, what came before is on disk (`daq.set_aside`).
 
     Attributes
     ----------
     keys, start : of the run, and its start record; None before it came.
     latest_ns : stamp of its newest sample [ns].
     ledger : rates, losses and states of the sensors in the last second, as the recorder says.
+    full : whether the disk has no room for more samples; those that come after `drop` are not stored.
     """
 
     def __init__(self, listener: BusListener):
@@ -44,22 +47,26 @@ class LiveSamples:
         self.keys, self.start = keys, start
         self.latest_ns = 0
         self.ledger: dict[str, Any] = {}
-        self._channels: dict[str, _Channel] = {}
+        self.full = self._dropped = False
+        self._space = DiskSpace()
+        self._channels: dict[str, BlockStore] = {}
         self._wanted: list[tuple[str, int, int]] = []
         self._asked: tuple[str, int] | None = None
 
-    def blocks(self, from_ns: int = 0) -> dict[str, Block]:
-        """Channel → its samples in the order of their blocks, without blocks that end before `from_ns` [ns]."""
-        out: dict[str, Block] = {}
-        for name, channel in self._channels.items():
-            parts: list[Block] = []
-            for number in sorted(channel.blocks, reverse=True):
-                if int(channel.blocks[number].t_ns[-1]) < from_ns:
-                    break
-                parts.append(channel.blocks[number])
-            if parts:
-                out[name] = Block.concat(reversed(parts))
-        return out
+    def blocks(self, from_ns: int = 0, to_ns: int = EVER) -> dict[str, Block]:
+        """Channel → its samples in the order of their blocks, without blocks that end before or begin after [ns]."""
+        found = {name: channel.read(from_ns, to_ns) for name, channel in self._channels.items()}
+        return {name: block for name, block in found.items() if block is not None}
+
+    def forget(self, before_ns: int) -> None:
+        """Drop samples before a time [ns], which are not needed any more."""
+        for channel in self._channels.values():
+            channel.forget(before_ns)
+
+    def drop(self) -> None:
+        """Drop all samples, and store no more of this run."""
+        self._dropped = True
+        self._channels, self._wanted, self._space = {}, [], DiskSpace()
 
     def take(self, message: Message) -> None:
         """Process a message of the bus; what cannot be read, or is of another run than the present one, is left out."""
@@ -98,17 +105,23 @@ class LiveSamples:
             return
         if number > AHEAD + BLOCK_RATE * 1e-9 * abs(int(block.t_ns[-1]) - self.start.started_ns):
             return
-        end = self._channels.setdefault(message.name, _Channel()).end
-        for first in range(end, number, REQUEST):
-            self._wanted.append((message.name, first, min(first + REQUEST, number) - 1))
-        self._store(message.name, number, block)
+        if not self._dropped:
+            end = self._channels.setdefault(message.name, BlockStore()).end
+            for first in range(end, number, REQUEST):
+                self._wanted.append((message.name, first, min(first + REQUEST, number) - 1))
+            self._store(message.name, number, block)
         self.latest_ns = max(self.latest_ns, int(block.t_ns[-1]))
 
     def _store(self, name: str, number: int, block: Block) -> None:
-        if name in CHANNELS and block.channel == name and len(block) and 0 <= number < MOST_BLOCKS:
-            channel = self._channels.setdefault(name, _Channel())
-            channel.blocks[number] = block
-            channel.end = max(channel.end, number + 1)
+        if self._dropped or not (
+            name in CHANNELS and block.channel == name and len(block) and 0 <= number < MOST_BLOCKS
+        ):
+            return
+        try:
+            if self._channels.setdefault(name, BlockStore()).add(number, block, self._space):
+                self.full = self.full or free_bytes() < LEAST_FREE
+        except OSError:
+            self.full = True
 
     def _ask(self) -> None:
         """Ask for what was missed, one request at a time."""

@@ -46,6 +46,15 @@ def poller() -> Any:
     return select.poll()
 
 
+def is_unread(descriptor: int) -> bool:
+    """Whether nobody reads any more what is written to a pipe or a socket; False where the system cannot say."""
+    if not hasattr(select, "poll"):
+        return False
+    watched = select.poll()
+    watched.register(descriptor, 0)  # of its own accord the system says that the other end is gone
+    return bool(watched.poll(0))
+
+
 def require_linux(what: str) -> None:
     """Raise UsageError on a system that is not Linux; `what` : what is asked for, a plural."""
     if not SYSTEM.startswith("linux"):

@@ -22,6 +22,7 @@ from lacet.daq.bus.listener import BusListener
 from lacet.daq.bus.session import ROUTER, open_session
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
+from lacet.services.acquisition.system_calls import is_unread
 from lacet.services.commands.bus_options import add_keys, credentials_of, router_of
 from lacet.services.render.live_fit import screen
 from lacet.services.workspace.live_follow import TARGET, LiveFollower, model_of_study, nothing_known, over
@@ -29,7 +30,7 @@ from lacet.services.workspace.live_follow import TARGET, LiveFollower, model_of_
 AGAIN = 2.0
 """Time between attempts to reach the router [s]."""
 IDLE = 2.0
-"""Period of the lines of JSON while nothing is new [s]: whoever reads them no more is noticed."""
+"""Period of the lines of JSON while nothing is new [s]."""
 NICE = 10
 """Priority, as of `nice`: a recorder on this machine goes first."""
 
@@ -85,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
     console = Console(stderr=args.json == "-", highlight=False, markup=False)
     with _Shown(console, args.lines) as shown:
         while not stop.is_set():
+            shown.require_reader()
             try:
                 session = open_session(connect=(endpoint,), wait=AGAIN, credentials=credentials)
             except UsageError as error:
@@ -98,6 +100,7 @@ def run(args: argparse.Namespace) -> int:
             follower = LiveFollower(BusListener(session), model_of, args.target / 100.0)
             try:
                 while not stop.is_set() and session.info.routers_zid():
+                    shown.require_reader()
                     found = follower.turn(0.05)
                     if found is not None:
                         last = found
@@ -105,9 +108,10 @@ def run(args: argparse.Namespace) -> int:
                     elif args.lines and shown.silent > IDLE:
                         shown.show(follower.state())
                     if args.once and follower.over and found is None:
+                        # Markers and losses that came after the last second was fitted belong to it.
+                        last = follower.state()
                         stop.set()
             finally:
-                follower.close()
                 session.close()
             if args.once and last is not None:
                 break
@@ -127,6 +131,15 @@ class _Shown:
     def silent(self) -> float:
         """Time since something was shown [s]."""
         return time.monotonic() - self._shown
+
+    def require_reader(self) -> None:
+        """Raise BrokenPipeError when what is shown is read by nobody any more, before there is something to show."""
+        try:
+            descriptor = self._console.file.fileno()
+        except (OSError, AttributeError):  # a stream in memory
+            return
+        if is_unread(descriptor):
+            raise BrokenPipeError
 
     def show(self, found: dict[str, Any]) -> None:
         """Show the state of a second."""

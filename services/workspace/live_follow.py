@@ -18,7 +18,7 @@ from lacet.services.render.identifiability import unidentified
 from lacet.services.render.live_fit import state_line, still_needed
 from lacet.services.render.live_line import lost_text
 from lacet.services.render.value_names import parameter_name
-from lacet.services.workspace.live_fit import LiveFit, LiveResult, ModelOf
+from lacet.services.workspace.live_fit import LiveFit, LiveFitEnded, LiveResult, ModelOf
 from lacet.services.workspace.study import Study
 
 TARGET = 2.0
@@ -53,7 +53,7 @@ class LiveFollower:
 
     def __init__(self, listener: BusListener, model_of: ModelOf, target: float):
         self._listener, self._model_of, self._target = listener, model_of, target
-        self._samples = LiveSamples(listener)
+        self.samples = LiveSamples(listener)
         self._fit: LiveFit | None = None
         self._run = ""
         self._seconds = 0
@@ -63,21 +63,16 @@ class LiveFollower:
         self.over = False
         """Whether a run was heard and its recorder is gone."""
 
-    def close(self) -> None:
-        """End the fit."""
-        if self._fit is not None:
-            self._fit.close()
-
     def turn(self, timeout: float) -> dict[str, Any] | None:
         """Take what has come within `timeout` [s]; what is known of the next whole second, None where there is none."""
         message = self._listener.get(timeout)
         for _ in range(MESSAGES):
             if message is None:
                 break
-            self._samples.take(message)
+            self.samples.take(message)
             message = self._listener.get(0.0)
         self._heard = time.monotonic()
-        samples = self._samples
+        samples = self.samples
         self.over = bool(samples.start) and not samples.recording
         if samples.start is None or not samples.latest_ns:
             return None
@@ -91,22 +86,25 @@ class LiveFollower:
         self._seconds = seconds
         try:
             self._result, self._why = self._fit.update(samples, seconds), ""
+        except LiveFitEnded as ended:
+            self._why = str(ended)
+            self._fit = None
+            samples.drop()
         except LacetError as error:
             self._why = " ".join(str(error).split())[:300]
         return self.state()
 
     def _begin(self) -> None:
-        self.close()
-        assert self._samples.start is not None
-        self._run, self._seconds, self._result, self._fit = self._samples.start.run_id, 0, None, None
+        assert self.samples.start is not None
+        self._run, self._seconds, self._result, self._fit = self.samples.start.run_id, 0, None, None
         try:
-            self._fit = LiveFit(self._samples.start, self._model_of, self._target)
+            self._fit = LiveFit(self.samples.start, self._model_of, self._target)
         except LacetError as error:
             self._why = " ".join(str(error).split())[:300]
 
     def state(self) -> dict[str, Any]:
         """What is known at present, as plain data (``docs/json.md``, ``live``)."""
-        samples, found = self._samples, self._result
+        samples, found = self.samples, self._result
         begun = samples.start.started_ns if samples.start else 0
         ledger = samples.ledger
         losses = ledger.get("losses")
@@ -161,7 +159,7 @@ def fit_state(found: LiveResult) -> dict[str, Any]:
         "took": found.took,
         "rows": [
             {
-                "row": str(row), "unit": score.unit, "rms": score.rms, "floor": score.floor, "ratio": score.ratio,
+                "row": str(row), "unit": row.unit, "rms": score.rms, "floor": score.floor, "ratio": score.ratio,
                 "fails": fails(score.ratio),
             }
             for row, score in found.scores.items()

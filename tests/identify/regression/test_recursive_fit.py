@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
 from lacet.identify.effects.catalogue import base_model
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression import recursive_fit
 from lacet.identify.regression.corrected_scores import NoiseMoments
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.recursive_fit import ChangedRunError, RecursiveFit
+from lacet.identify.regression.recursive_fit import ChangedRunError, GrownFit, RecursiveFit
 from lacet.identify.regression.seconds_needed import seconds_needed
 from lacet.identify.regression.sums.linear_fit import FitOptions, solve_linear
 from lacet.identify.regression.sums.prepared_runs import PreparedRuns
 from lacet.identify.regression.wls import Fit, fit, fit_of
-from lacet.identify.validation.equation_scores import floor_by_row, row_scores
+from lacet.identify.validation.equation_scores import column_totals, floor_by_row, row_levels
 from lacet.identify.validation.score import compare
 from tests.identify.cars import piece, reference_car
 
@@ -25,16 +28,17 @@ VEHICLE, RIG = reference_car()
 MODEL = Model.of(base_model(VEHICLE, "contact"))
 
 
+@cache
 def prepared(seconds: float, name: str = "rough") -> PreparedRun:
     return PreparedRun.of(piece(name, 0.0, seconds), VEHICLE, RIG)
 
 
-def half(fitted: Fit) -> Array:
+def half(fitted: Fit | GrownFit) -> Array:
     """Half intervals with the sensor sheet, of the parameters kept."""
     return 1.96 * np.sqrt(np.diag(fitted.covariance + fitted.covariance_sheet))[fitted.place]
 
 
-def apart(one: Fit, other: Fit) -> float:
+def apart(one: Fit | GrownFit, other: Fit | GrownFit) -> float:
     """Largest difference of two fits' values and half intervals, in half intervals."""
     kept = other.place
     values = np.abs(one.theta[kept] - other.theta[kept]) / half(other)
@@ -52,15 +56,16 @@ def test_on_the_seconds_of_the_fit_it_gives_the_fit(begun: Fit):
     assert apart(again, begun) < 1e-6
     floor = floor_by_row(begun)
     expected = compare(begun, begun.runs[0]).scores
-    for found in (row_scores(begun, floor), row_scores(again, floor)):
-        assert {row: score.ratio for row, score in found.items()} == pytest.approx(
+    for found, totals in ((begun, column_totals(begun)), (again, again.totals)):
+        levels = row_levels(found.equations.runs[0], totals, found.solution, floor)
+        assert {row: level.ratio for row, level in levels.items()} == pytest.approx(
             {row: score.ratio for row, score in expected.items()}, rel=1e-6
         )
 
 
 def test_extended_second_by_second_it_is_the_fit_of_all_seconds_at_the_same_values(begun: Fit):
     going = RecursiveFit(begun)
-    for seconds in (10.0, 11.5, 13.0, 16.0):
+    for seconds in (11.5, 16.0):
         run = prepared(seconds)
         found = going.extended(run)
         grown = sum(found.equations.runs[0].counts.values()) / sum(begun.equations.runs[0].counts.values())
@@ -71,6 +76,20 @@ def test_extended_second_by_second_it_is_the_fit_of_all_seconds_at_the_same_valu
         )
         assert apart(found, fit_of(MODEL, begun.options, at_once)) < 1e-6
     assert going.first_needed > 1.0
+
+
+def test_finished_pieces_leave_sums_of_one_size(begun: Fit, monkeypatch: pytest.MonkeyPatch):
+    """Without the samples of any finished piece the intervals hardly differ, and the values not at all."""
+    runs, exact = [prepared(16.0), prepared(24.0)], RecursiveFit(begun)
+    wanted = [exact.extended(run) for run in runs]
+    monkeypatch.setattr(recursive_fit, "EXACT", 0.0)
+    going, sizes = RecursiveFit(begun), list[int]()
+    for run, same in zip(runs, wanted, strict=True):
+        found = going.extended(run)
+        np.testing.assert_allclose(found.theta, same.theta, rtol=1e-9, atol=1e-12)
+        assert 0.0 < apart(found, same) < 0.1
+        sizes.append(len(pickle.dumps(going)))
+    assert sizes[1] == pytest.approx(sizes[0], rel=1e-3)
 
 
 def test_a_fit_from_scratch_of_the_same_seconds_is_within_two_hundredths_of_the_intervals():

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,16 +17,18 @@ from lacet.daq.formats.log import LogReader, LogWriter
 from lacet.daq.formats.wire import block_to_bytes, start_to_bytes
 from lacet.daq.run_limits import RunLimits
 from lacet.identify.effects.catalogue import base_model
+from lacet.identify.regression import recursive_fit
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit
 from lacet.identify.validation.parameter_estimates import estimates
 from lacet.identify.validation.score import compare
-from lacet.services.acquisition.live_samples import LiveSamples, marks_set, sensor_states
+from lacet.services.acquisition import block_store, live_samples
+from lacet.services.acquisition.live_samples import LEAST_FREE, LiveSamples, marks_set, sensor_states
 from lacet.services.render.live_fit import still_needed
-from lacet.services.workspace import live_fit
+from lacet.services.workspace import live_fit, live_follow
 from lacet.services.workspace.decode import decode_log
-from lacet.services.workspace.live_fit import LiveFit, LiveResult
-from lacet.services.workspace.live_follow import model_of_study
+from lacet.services.workspace.live_fit import LiveFit, LiveFitEnded, LiveResult
+from lacet.services.workspace.live_follow import LiveFollower, model_of_study
 from lacet.services.workspace.loading import load
 from lacet.services.workspace.study import Study
 from tests.support.captures import SINUS, cut
@@ -41,21 +43,26 @@ class _Bus(BusListener):
 
     def __init__(self) -> None:
         self.asked: list[tuple[str, int, int]] = []
+        self.queue: list[Message] = []
+
+    def get(self, timeout: float) -> Message | None:
+        return self.queue.pop(0) if self.queue else None
 
     def ask_blocks(self, keys: Keys, channel: str, first: int, last: int) -> None:
         self.asked.append((channel, first, last))
 
 
 class _Recording:
-    """A decoded log, whose blocks come to `samples` second by second."""
+    """A decoded log, whose blocks come to `samples`, or are given to `take`, second by second."""
 
-    def __init__(self, log: Path):
+    def __init__(self, log: Path, take: Callable[[Message], None] | None = None):
         self.reader = LogReader(log)
         self.begin = self.reader.start.started_ns
         self.bus = _Bus()
         self.samples = LiveSamples(self.bus)
+        self.take = take or self.samples.take
         for kind, payload in (("alive", b""), ("start", start_to_bytes(self.reader.start))):
-            self.samples.take(Message(KEYS, kind, "", 0, payload))
+            self.take(Message(KEYS, kind, "", 0, payload))
         self._blocks = {name: list(_batches(block)) for name, block in self.reader.blocks().items()}
         self._given = dict.fromkeys(self._blocks, 0)
 
@@ -66,7 +73,7 @@ class _Recording:
                 number = self._given[name]
                 if int(blocks[number].t_ns[-1]) - self.begin > 1e9 * seconds:
                     break
-                self.samples.take(Message(KEYS, "block", name, number, block_to_bytes(blocks[number], number, "")))
+                self.take(Message(KEYS, "block", name, number, block_to_bytes(blocks[number], number, "")))
                 self._given[name] += 1
 
     def written(self, path: Path) -> Path:
@@ -86,9 +93,9 @@ def _batches(block: Block) -> Iterator[Block]:
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The first 11 s of a capture, decoded."""
+    """The first 14.1 s of a capture, decoded."""
     folder = tmp_path_factory.mktemp("live")
-    cut(SINUS, folder / "raw.mcap", 11.0)
+    cut(SINUS, folder / "raw.mcap", 14.1)
     decode_log(folder / "raw.mcap", folder / "log.mcap")
     return folder / "log.mcap"
 
@@ -110,43 +117,59 @@ def apart(found: LiveResult, wanted: dict[str, tuple[float, float]]) -> float:
     )
 
 
-def test_it_is_identify_of_the_same_seconds(log: Path, tmp_path: Path):
-    car = _Recording(log)
-    live = LiveFit(car.reader.start, model_of_study(None), 0.02)
-    try:
+@dataclass(frozen=True)
+class _Followed:
+    """A recording that was followed: its fits after 9, 10 and 14 s, with logs of what had come, and one begun late."""
+
+    car: _Recording
+    results: list[LiveResult]
+    logs: list[Path]
+    late: LiveResult
+
+
+@pytest.fixture(scope="module")
+def followed(log: Path, tmp_path_factory: pytest.TempPathFactory) -> _Followed:
+    """A run that is fitted from scratch at 9 s and, beside the sums, at 10 s; then as sums that go on."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in (("QUICK", 0.0), ("LONGEST", 10.0), ("STEP", 2.0)):
+            patch.setattr(live_fit, name, value)
+        # Any change of a value asks for a fit from scratch.
+        for name, value in (("GROWTH", 1e9), ("LEAST_GROWTH", 1.0), ("MOVED", 0.0)):
+            patch.setattr(live_fit, name, value)
+        patch.setattr(recursive_fit, "CHUNK", 1.0)
+        for name, value in (("STRETCH", 10), ("HELD", 2)):
+            patch.setattr(block_store, name, value)
+        car = _Recording(log)
+        live, late = (LiveFit(car.reader.start, model_of_study(None), 0.02) for _ in range(2))
         car.go_on(2.0)
         with pytest.raises(RunError, match="overlap"):
             live.update(car.samples, live.seconds_there(car.samples))
-        car.go_on(9.06)
-        seconds = live.seconds_there(car.samples)
-        assert seconds == 9
-        found = live.update(car.samples, seconds)
-    finally:
-        live.close()
-    values, ratios = expected(car.written(tmp_path / "same.mcap"), seconds)
-    assert found.from_scratch
+        results, logs = list[LiveResult](), list[Path]()
+        for seconds in (9, 10, 14):
+            car.go_on(seconds + 0.06)
+            assert live.seconds_there(car.samples) == seconds
+            logs.append(car.written(tmp_path_factory.mktemp("written") / "same.mcap"))
+            if seconds == 14:
+                begun_late = late.update(car.samples, seconds)
+            results.append(live.update(car.samples, seconds))
+            live.wait()
+    return _Followed(car, results, logs, begun_late)
+
+
+def test_it_is_identify_of_the_same_seconds(followed: _Followed):
+    found = followed.results[0]
+    values, ratios = expected(followed.logs[0], 9)
+    assert (found.from_scratch, found.since, found.seconds) == (True, 9.0, 9.0)
     assert apart(found, values) < 1e-6
     assert {str(row): score.ratio for row, score in found.scores.items()} == pytest.approx(ratios, rel=1e-6)
-    assert car.bus.asked == []
+    assert followed.car.bus.asked == []
 
 
-def test_sums_go_on_from_it_and_hardly_differ(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """The sums of 9 s go on for two more; a fit from scratch differs by its own draws of simulated noise, too."""
-    monkeypatch.setattr(live_fit, "QUICK", 0.0)
-    car = _Recording(log)
-    live = LiveFit(car.reader.start, model_of_study(None), 0.02)
-    try:
-        car.go_on(9.06)
-        live.update(car.samples, 9)
-        car.go_on(10.06)
-        live.update(car.samples, 10)
-        car.go_on(11.0)
-        seconds = live.seconds_there(car.samples)
-        found = live.update(car.samples, seconds)
-    finally:
-        live.close()
-    assert (found.from_scratch, found.since, found.seconds) == (False, 9.0, float(seconds))
-    values, ratios = expected(car.written(tmp_path / "same.mcap"), seconds)
+def test_sums_go_on_from_it_and_hardly_differ(followed: _Followed):
+    """The sums of 9 s go on for one more; a fit from scratch differs by its own draws of simulated noise, too."""
+    found = followed.results[1]
+    assert (found.from_scratch, found.since, found.seconds) == (False, 9.0, 10.0)
+    values, ratios = expected(followed.logs[1], 10)
     close = [
         abs(one.value - values[one.name][0]) / values[one.name][1] for one in found.estimates if one.half_sheet > 0.0
     ]
@@ -155,20 +178,50 @@ def test_sums_go_on_from_it_and_hardly_differ(log: Path, tmp_path: Path, monkeyp
     assert {str(row): score.ratio for row, score in found.scores.items()} == pytest.approx(ratios, rel=0.1)
 
 
-def test_values_that_move_ask_for_a_fit_from_scratch(log: Path, monkeypatch: pytest.MonkeyPatch):
-    for name, value in (("QUICK", 0.0), ("GROWTH", 1e9), ("LEAST_GROWTH", 1.0), ("MOVED", 0.0)):
-        monkeypatch.setattr(live_fit, name, value)
+def test_values_that_move_ask_for_a_fit_from_scratch(followed: _Followed):
+    assert [found.since for found in followed.results] == [9.0, 9.0, 10.0]
+
+
+def test_one_that_comes_late_adds_the_seconds_beyond_the_longest_in_steps(followed: _Followed):
+    """Device clocks that are fitted to other samples differ by microseconds; what is not needed is not kept."""
+    found, last = followed.late, followed.results[2]
+    for one in (found, last):
+        assert (one.from_scratch, one.since, one.seconds) == (False, 10.0, 14.0)
+    assert apart(found, {one.name: (one.value, one.half_sheet) for one in last.estimates}) < 1e-3
+    car = followed.car
+    assert min(int(block.t_ns[0]) for block in car.samples.blocks().values()) > car.begin + 200_000_000
+
+
+def test_a_model_with_a_sensor_fault_is_fitted_up_to_a_length(log: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(live_fit, "LONGEST", 5.0)
     car = _Recording(log)
-    live = LiveFit(car.reader.start, model_of_study(None), 0.02)
-    try:
-        for seconds in (9, 10):
-            car.go_on(seconds + 0.06)
-            live.update(car.samples, seconds)
-        live.wait()
-        found = live.update(car.samples, 10)
-    finally:
-        live.close()
-    assert found.since == 10.0
+    car.go_on(6.06)
+    live = LiveFit(car.reader.start, model_of_study(None, ("sensor_latency.laser",)), 0.02)
+    with pytest.raises(LiveFitEnded, match="a model with a sensor fault is fitted to 5 s at most"):
+        live.update(car.samples, 6)
+
+
+def test_it_ends_with_a_line_before_the_disk_is_full(log: Path, monkeypatch: pytest.MonkeyPatch):
+    """The samples are dropped, no more are stored, and what was known stays."""
+    for name, value in (("STRETCH", 20), ("HELD", 6)):
+        monkeypatch.setattr(block_store, name, value)
+    monkeypatch.setattr(live_follow, "MESSAGES", 1_000_000)
+    monkeypatch.setattr(live_samples, "free_bytes", lambda: LEAST_FREE - 1)
+    bus = _Bus()
+    car, follower = _Recording(log, bus.queue.append), LiveFollower(bus, model_of_study(None), 0.02)
+    car.go_on(6.06)
+    first = follower.turn(0.0)
+    assert first is not None
+    assert (first["seconds"], first["why"]) == (6.0, "")
+    car.go_on(7.06)
+    last = follower.turn(0.0)
+    assert last is not None
+    assert "the recording goes on: less than 1.0 GB are free" in last["line"]
+    assert (last["seconds"], last["parameters"]) == (6.0, first["parameters"])
+    car.go_on(8.0)
+    assert follower.turn(0.0) is None
+    assert follower.state()["line"] == last["line"]
+    assert follower.samples.blocks() == {}
 
 
 def test_what_was_missed_is_asked_for(log: Path):
