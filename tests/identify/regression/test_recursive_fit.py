@@ -13,12 +13,14 @@ from lacet.identify.effects.catalogue import base_model
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression import recursive_fit
 from lacet.identify.regression.corrected_scores import NoiseMoments
+from lacet.identify.regression.finished_pieces import ScoreSums
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.recursive_fit import ChangedRunError, GrownFit, RecursiveFit
 from lacet.identify.regression.seconds_needed import seconds_needed
 from lacet.identify.regression.sums.linear_fit import FitOptions, solve_linear
 from lacet.identify.regression.sums.prepared_runs import PreparedRuns
+from lacet.identify.regression.uncertainty import hac
 from lacet.identify.regression.wls import Fit, fit, fit_of
 from lacet.identify.validation.equation_scores import column_totals, floor_by_row, row_levels
 from lacet.identify.validation.score import compare
@@ -76,6 +78,14 @@ def test_extended_second_by_second_it_is_the_fit_of_all_seconds_at_the_same_valu
         )
         assert apart(found, fit_of(MODEL, begun.options, at_once)) < 1e-6
     assert going.first_needed > 1.0
+
+
+def test_scores_added_piece_by_piece_have_the_covariance_of_all():
+    scores = np.random.default_rng(3).standard_normal((400, 4)).cumsum(axis=0)
+    sums = ScoreSums(4)
+    for start, end in ((0, 7), (7, 140), (140, 390)):
+        sums.add(scores[start:end])
+    np.testing.assert_allclose(sums.covariance(scores[390:], 400), hac(scores), rtol=1e-9)
 
 
 def test_finished_pieces_leave_sums_of_one_size(begun: Fit, monkeypatch: pytest.MonkeyPatch):
