@@ -84,7 +84,6 @@ def main() -> None:
                 flush=True,
             )
             most, took, fitted, cpu = 0.0, 0.0, 0, now
-    live.close()
 
 
 def batches(block: Block) -> Iterator[Block]:
