@@ -197,6 +197,11 @@ class Effect(ABC):
             out = [replace(one, shape={**one.shape, name: value}) for one in out for value in values]
         return out
 
+    @property
+    def constants(self) -> tuple[tuple[str, float], ...]:
+        """Names and values of all that its columns depend on beside the motion: effects of one key differ in these."""
+        return tuple(sorted(self.shape.items()))
+
     def bounds_of(self, constant: str) -> tuple[float, float]:
         """Smallest and largest plausible value of a shape constant [SI], between which it is searched.
 

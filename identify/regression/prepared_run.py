@@ -381,5 +381,5 @@ def _added(parts: Sequence[Mapping[Row, Array]]) -> dict[Row, Array]:
 
 
 def column_key(effect: Effect) -> ColumnKey:
-    """Key and shape constants of an effect."""
-    return effect.key, tuple(sorted(effect.shape.items()))
+    """Key and constants of an effect."""
+    return effect.key, effect.constants

@@ -42,6 +42,14 @@ class ConstantChange(PhysicalEffect):
         return f"{self.effect.key}.{self.constant}"
 
     @property
+    def constants(self) -> tuple[tuple[str, float], ...]:
+        """The constants and the present values of the effect."""
+        return (
+            *self.effect.constants,
+            *((q.name, v) for q, v in zip(self.effect.parameters, self.values, strict=True)),
+        )
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The change, at most the constant's whole range."""
         low, high = self.effect.bounds_of(self.constant)

@@ -115,7 +115,7 @@ class SelectionSettings:
     """Rounds of the search for shape constants, a pass over the samples each [count]. Source: processor time."""
     least_ratio_of_bounds: float = 4.0
     """Upper ÷ lower bound of a constant from which it is searched in ratios [ratio]. Source: a choice, not tuned."""
-    least_constant_step: float = 0.1
+    least_constant_step: float = 0.05
     """Distance of two values in that search, ÷ that of the effect's grid, below which it ends [share]. Source: a
     choice, not tuned."""
     least_refinement_fall: float = 4.0

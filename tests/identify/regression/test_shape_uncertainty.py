@@ -81,3 +81,15 @@ def test_at_a_bound_the_derivative_is_one_sided(record: Recording):
     more = replace(linear, shape={"gap": 0.0065, "n": 1.001})
     expected = SIZE * (more.columns(motion)["suspension.rl"] - linear.columns(motion)["suspension.rl"])[0] / 0.001
     assert np.max(np.abs(found - expected)) < 0.1 * np.max(np.abs(expected))
+
+
+def test_a_run_keeps_the_changes_of_different_sizes_and_constants_apart(record: Recording):
+    """Columns are stored on a run by key and constants; of two fits to it, each has changes of its own."""
+    run = driven(record, 0)
+    first, larger, farther = (
+        run.columns(constant_changes([(effect, np.array([size]))])[0])
+        for effect, size in ((STOP, SIZE), (STOP, 2.0 * SIZE), (NEAR, SIZE))
+    )
+    for row, columns in first.items():
+        np.testing.assert_allclose(larger[row], 2.0 * columns, atol=1e-9 * np.max(np.abs(columns)))
+        assert not np.allclose(farther[row], columns)
