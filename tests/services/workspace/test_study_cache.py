@@ -61,7 +61,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
 
     def noise(*args: Any, **more: Any) -> RegressorNoise:
         count["noise"] += 1
-        return of(*args, pairs=1, **more)
+        return of(*args, **more)
 
     def fitted(*args: Any, **more: Any) -> Fit:
         count["fit"] += 1
@@ -70,6 +70,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
     monkeypatch.setattr(lacet.services.workspace.kept.kept_values, "floor_of", floor)
     monkeypatch.setattr(lacet.services.workspace.kept.kept_values, "fit", fitted)
     monkeypatch.setattr(RegressorNoise, "of", noise)
+    monkeypatch.setattr("lacet.identify.selection.columns.regressor_noise.pairs_drawn", lambda _: 1)
     monkeypatch.setattr(Study, "effects", few)
     return count
 
