@@ -305,7 +305,11 @@ def _refuse_both(used: Sequence[Path], held: Sequence[Path]) -> None:
 
 
 def _write(file: Path, body: Mapping[str, Any]) -> None:
-    """Write a complete file or none: a study interrupted while writing keeps its last good state."""
+    """Write a complete file or none: a study interrupted while writing keeps its last good state.
+
+    The result of minutes is not lost for a folder that somebody has removed.
+    """
+    file.parent.mkdir(exist_ok=True)
     beside = file.with_suffix(".tmp")
     beside.write_text(json.dumps(body, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     beside.replace(file)

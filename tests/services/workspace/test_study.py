@@ -106,6 +106,13 @@ def test_a_diagnosis_belongs_to_its_version(study: Study):
     assert found["best"] == "x"
 
 
+def test_a_diagnosis_is_not_lost_for_a_folder_that_was_removed(study: Study):
+    one = study.record({}, "base", RESULT)
+    (study.folder / "diagnoses").rmdir()
+    one.record_diagnosis({"verdict": "nothing missing"})
+    assert (one.diagnosis() or {})["verdict"] == "nothing missing"
+
+
 @pytest.mark.parametrize("content", ["{", "[]", "{}", '{"version": "x"}'])
 def test_a_broken_version_file_is_named(study: Study, content: str):
     study = study.record({}, "base", RESULT)
