@@ -55,12 +55,12 @@ class AddedLaw:
 
 def added_laws(space: ScoreTests) -> tuple[AddedLaw, ...]:
     """The physical effects beyond the base model in the fit of `space`, in the model's order."""
-    return _added(space, space.fitted.model.physics, space.with_constants_known, space.null)
+    return _added(space, space.fitted.model.physics, space.regression, space.null)
 
 
 def added_faults(space: ScoreTests) -> tuple[AddedLaw, ...]:
     """The sensor faults in the fit of `space`, in the same form: their force is what they change in the rows."""
-    return _added(space, space.fitted.model.faults, space.with_constants_known, space.null)
+    return _added(space, space.fitted.model.faults, space.regression, space.null)
 
 
 def laws_on_rows(space: ScoreTests, rows: Collection[Row]) -> tuple[AddedLaw, ...]:

@@ -247,8 +247,8 @@ class ScoreTests:
 
     @property
     def selected(self) -> frozenset[str]:
-        """Keys of what is in the model beside the fit's own effects: selected effects, and changes of constants."""
-        return frozenset(trial.effect.key for trial in (*self.columns.changes, *self.columns.selected))
+        """Keys of the effects that are in the model beside the fit's own."""
+        return frozenset(trial.effect.key for trial in self.columns.selected)
 
     def given(self, selected: Sequence[Effect], progress: Progress = silent) -> ScoreTests:
         """Score tests beside other selected effects, with the shape constants that these have."""
@@ -269,20 +269,12 @@ class ScoreTests:
         columns = self.columns.given([t for t in self.columns.selected if t.effect.key not in keys])
         return PartialRegression(self.sums, columns.nuisance, columns.prior, self.column_noise, columns.prior_side)
 
-    @cached_property
-    def with_constants_known(self) -> PartialRegression:
-        """Partial regression of all columns, the shape constants of the model's effects as they are."""
-        known = self.columns.with_constants_known
-        if known is self.columns:
-            return self.regression
-        return PartialRegression(self.sums, known.nuisance, known.prior, self.column_noise, known.prior_side)
-
     def on_rows(self, rows: Collection[Row]) -> tuple[PartialRegression, Array]:
         """Partial regression of all columns on the samples of some rows alone, and `null` (w, D) there.
 
-        Each run's zeros are those of all rows, drifts are left out, and shape constants are as they are.
+        Each run's zeros are those of all rows, and drifts are left out.
         """
-        over_runs, columns = self.sums.over_runs, self.columns.with_constants_known
+        over_runs, columns = self.sums.over_runs, self.columns
         others = [products.columns for row, products in over_runs.rows.items() if row not in rows]
         sums = replace(self.sums, over_runs=replace(over_runs, total=over_runs.total - np.sum(others, axis=0)))
         ratios = {row: ratio for row, ratio in self.noise_ratio.items() if row in rows}
@@ -459,8 +451,7 @@ class ScoreTests:
         gain = self.regression.gain[:, k]
         parts = (self.sums.turn @ gain[:p]) * np.linalg.solve(self.sums.turn.T, total[:p, k])
         shares: dict[str, float] = {}
-        beside = (*self.columns.changes, *self.columns.selected)
-        selected = {i: t.effect.key for t in beside for i in range(t.place.start, t.place.stop)}
+        selected = {i: t.effect.key for t in self.columns.selected for i in range(t.place.start, t.place.stop)}
         names = [name.rsplit(".", 1)[0] for name in self.fitted.columns]
         for name, part in zip(names, parts, strict=True):
             shares[name] = shares.get(name, 0.0) + float(part) / whole

@@ -9,12 +9,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from lacet.identify.effects.base import Effect, with_places
+from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.prepared_run import Unmeasured
-from lacet.identify.regression.shape_uncertainty import ConstantChange, constant_changes
-from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.cross_products import CrossProducts
 from lacet.identify.selection.columns.layout import Layout, Trial
 from lacet.identify.selection.columns.linearisation import Linearisation
@@ -37,11 +35,9 @@ class CandidateColumns:
     prior, prior_side : (a, a) normal matrix and (a,) right side of the priors of their parameters.
     drawn : (s, D) tolerances of the sheet drawn for every simulated run.
     seed : of simulated zeros and tolerances.
-    changes : trials of the changes of the model's shape constants, which are parameters of the model as its sizes are;
-        their columns are nuisance behind those of the sheet.
     own : trials behind those of the candidates, with shape constants between the values of the grids.
     selected : trials that are in the model beside the fit's own effects; their columns are nuisance to every test,
-        behind those of the sheet and of changed constants.
+        behind those of the sheet.
     """
 
     linearisation: Linearisation
@@ -55,7 +51,6 @@ class CandidateColumns:
     prior_side: Array
     drawn: Array
     seed: int
-    changes: tuple[Trial, ...] = ()
     own: tuple[Trial, ...] = ()
     selected: tuple[Trial, ...] = ()
 
@@ -81,9 +76,8 @@ class CandidateColumns:
         kinds = {e.key: e.sheet_kind for e in effects}
         drifts = {key: bound for key, bound in bounds.items() if kinds[key] == "drift" and bound > 0.0}
         shapes = [one for effect in effects for one in effect.shapes()]
-        free = changed_constants(runs.refittable)
-        layout = Layout.of(len(fitted.place), linearisation.sums.layout.sheet, [*shapes, *free, *selected])
-        changes, chosen = layout.trials[len(shapes) :][: len(free)], layout.trials[len(shapes) + len(free) :]
+        layout = Layout.of(len(fitted.place), linearisation.sums.layout.sheet, [*shapes, *selected])
+        chosen = layout.trials[len(shapes) :]
         progress(Step(Stage.TRIAL_COLUMNS, total=len(effects)))
         sums = runs.products(floor, layout, prior_stiffening, drifts, seed)
         # Gains and latencies stand in the sheet channel by channel; other faults stand for their own tolerance.
@@ -104,7 +98,7 @@ class CandidateColumns:
         drawn = one[:, None] * rng.standard_normal((len(there), floor.count))
         return cls(
             linearisation, tuple(effects), unmeasured, sums, sheet, sigma, nuisance, prior, prior_side, drawn, seed,
-            changes, chosen,
+            chosen,
         ).given(chosen)  # fmt: skip
 
     @property
@@ -132,30 +126,14 @@ class CandidateColumns:
 
     def given(self, selected: Sequence[Trial]) -> CandidateColumns:
         """The columns with other trials of the layout selected, instead of those that are."""
-        return self._with(self.changes, selected)
-
-    @property
-    def with_constants_known(self) -> CandidateColumns:
-        """The columns with the model's shape constants as they are: a law is worth what it explains with its own."""
-        return self._with((), self.selected) if self.changes else self
-
-    def _with(self, changes: Sequence[Trial], selected: Sequence[Trial]) -> CandidateColumns:
-        kept, behind = self.tolerances.stop, [*changes, *selected]
-        places = [np.r_[t.place] for t in behind]
-        spread = np.array([q.prior for t in behind for q in t.effect.parameters])
+        kept = self.tolerances.stop
+        places = [np.r_[t.place] for t in selected]
+        spread = np.array([q.prior for t in selected for q in t.effect.parameters])
         return replace(
-            self, changes=tuple(changes), selected=tuple(selected),
-            nuisance=np.concatenate([self.nuisance[:kept], *places]).astype(np.intp),
+            self, selected=tuple(selected), nuisance=np.concatenate([self.nuisance[:kept], *places]).astype(np.intp),
             prior=scipy.linalg.block_diag(self.prior[:kept, :kept], np.diag(spread**-2.0)),
             prior_side=np.concatenate([self.prior_side[:kept], np.zeros(spread.size)]),
         )  # fmt: skip
-
-
-def changed_constants(fitted: Fit | None) -> list[ConstantChange]:
-    """The changes of the shape constants of a fit's effects; none where the runs are not here."""
-    if fitted is None:
-        return []
-    return constant_changes([(effect, fitted.theta[at]) for effect, at in with_places(fitted.model.physics)])
 
 
 def solved(G: Array, sides: Array) -> Array:

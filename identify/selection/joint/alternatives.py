@@ -86,7 +86,7 @@ class _InPlaceOf:
 
     @classmethod
     def of(cls, space: ScoreTests, law: AddedLaw) -> _InPlaceOf:
-        known, model = space.with_constants_known, space.layout.model
+        known, model = space.regression, space.layout.model
         rows = known.sums.turn[list(law.places)]
         inverse = rows @ known.inverse[:model]
         return cls(
@@ -95,11 +95,11 @@ class _InPlaceOf:
         )  # fmt: skip
 
     def shows(self, trial: Trial) -> bool:
-        return bool(np.all(self.space.with_constants_known.remaining_energy(trial.place) > SELECTION.gone_share))
+        return bool(np.all(self.space.regression.remaining_energy(trial.place) > SELECTION.gone_share))
 
     def by(self, trial: Trial) -> Alternative | None:
         """The candidate in the law's place; None where its size would not be plausible."""
-        known, at, model = self.space.with_constants_known, trial.place, self.space.layout.model
+        known, at, model = self.space.regression, trial.place, self.space.layout.model
         right, parameters = known.sums.layout.right, trial.effect.parameters
         normal = known.reduced_noisy[at, at] + np.diag([q.prior**-2.0 for q in parameters])
         spread = np.linalg.inv(normal)
