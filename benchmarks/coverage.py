@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from lacet.daq.channels import CHANNELS
 from lacet.daq.formats.open_run import open_run
 from lacet.identify.effects.catalogue import base_model, catalogue
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.corrected_scores import NOISE_DRAWS
 from lacet.identify.regression.model import Model
@@ -142,7 +143,7 @@ def summary(found: Fit) -> Array:
         own = np.sqrt(np.diag(covariance))[found.place]
         if not parts:
             parts.append(np.concatenate([found.solution, whole.values]))
-        parts.append(np.concatenate([own, whole.interval / 1.96]))
+        parts.append(np.concatenate([own, whole.interval / TWO_SIDED_95]))
     return np.stack(parts)
 
 
@@ -208,7 +209,7 @@ def main() -> None:
 
 def held(found: Array, true: Array, which: int) -> Array:
     """(names,) % of campaigns whose 95 % interval holds the truth; `which` σ: 1 HAC, 2 with the sheet, 3 sxr."""
-    return 100.0 * np.mean(np.abs(found[:, 0] - true) <= 1.96 * found[:, which], axis=0)
+    return 100.0 * np.mean(np.abs(found[:, 0] - true) <= TWO_SIDED_95 * found[:, which], axis=0)
 
 
 def page(found: Mapping[str, Array]) -> str:

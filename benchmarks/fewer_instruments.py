@@ -28,6 +28,7 @@ from lacet.daq.channels import CORNERS
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.car_tree import AXLE, WHEEL
 from lacet.identify.car.sources.completion import completed
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -189,14 +190,14 @@ def reported(found: Fit) -> Values:
     exactly = np.zeros(len(theta))
     exactly[found.base.independent] = found.base.grouping() @ theta
     true = dict(zip(found.model.names, exactly, strict=True))
-    out = {e.name: (e.value, e.half_sheet / 1.96, true[e.name]) for e in estimates(found, None, found.runs)
+    out = {e.name: (e.value, e.half_sheet / TWO_SIDED_95, true[e.name]) for e in estimates(found, None, found.runs)
            if e.identifiable}  # fmt: skip
     whole = whole_vehicle(replace(found, covariance=found.covariance + found.covariance_sheet), vehicle())
     right = whole_vehicle(replace(found, theta=exactly), vehicle())
     if whole and right:
         for k, name in enumerate(NAMES):
             if whole.determined[k]:
-                out[name] = float(whole.values[k]), float(whole.interval[k]) / 1.96, float(right.values[k])
+                out[name] = float(whole.values[k]), float(whole.interval[k]) / TWO_SIDED_95, float(right.values[k])
     return out
 
 
@@ -236,7 +237,7 @@ def page(found: Mapping[str, list[Values]]) -> str:
     ]
     for rig, campaigns in found.items():
         every = [one for values in campaigns for one in values.values()]
-        held = 100.0 * np.mean([abs(value - true) <= 1.96 * sigma for value, sigma, true in every])
+        held = 100.0 * np.mean([abs(value - true) <= TWO_SIDED_95 * sigma for value, sigma, true in every])
         names = {n for values in campaigns for n in values if sum(n in v for v in campaigns) > len(campaigns) / 2}
         widths[rig] = {n: float(np.median([v[n][1] for v in campaigns if n in v])) for n in names}
         cells: list[str] = []

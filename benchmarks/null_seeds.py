@@ -26,8 +26,8 @@ from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import fit
+from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
-from lacet.identify.selection.score_tests import Candidate
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import floor_of
 from lacet.identify.validation.score import compare

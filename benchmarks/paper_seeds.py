@@ -25,6 +25,7 @@ from lacet.daq.formats.log_run import build_run
 from lacet.daq.formats.result import plain
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.progress import silent
 from lacet.identify.properties.whole_vehicle import whole_vehicle
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -146,14 +147,14 @@ def _counts(values: Sequence[float]) -> list[tuple[float, int]]:
 def _row(title: str, some: Sequence[dict[str, Any]], names: Sequence[str], relative: bool) -> str:
     found = np.array([[one["lines"][name] for name in names] for one in some], float)
     truth, estimate, half = np.moveaxis(found, -1, 0)
-    error, z = estimate - truth, 1.96 * (estimate - truth) / half
+    error, z = estimate - truth, TWO_SIDED_95 * (estimate - truth) / half
     bias = ""
     if relative:
         # Of the mean over the group's places, whose errors in one seed are not independent.
         each = 100.0 * np.mean(error / truth, axis=1)
-        doubt = f" ± {1.96 * np.std(each, ddof=1) / np.sqrt(len(each)):.2f}" if len(each) > 1 else ""
+        doubt = f" ± {TWO_SIDED_95 * np.std(each, ddof=1) / np.sqrt(len(each)):.2f}" if len(each) > 1 else ""
         bias = f"{np.mean(each):+.2f}{doubt} %"
-    held, count = int(np.count_nonzero(np.abs(z) <= 1.96)), z.size
+    held, count = int(np.count_nonzero(np.abs(z) <= TWO_SIDED_95)), z.size
     low, high = binomtest(held, count).proportion_ci()
     share = f"{held} of {count}" + (f" ({100 * low:.0f} to {100 * high:.0f} %)" if count > 1 else "")
     return f"| {title} | {bias} | {np.mean(z):+.2f} | {share} |"

@@ -39,7 +39,7 @@ _NAMES = {
     "lacet.identify.multibody.chain": ("Chain", "Joint"),
     "lacet.identify.multibody.chain_base_parameters": ("base_parameters",),
     "lacet.identify.regression.model": ("Model",),
-    "lacet.identify.selection.score_tests": ("Candidate",),
+    "lacet.identify.selection.candidate": ("Candidate",),
     "lacet.identify.signals.reconstruct": ("Recording",),
     "lacet.services.library.chains": ("IdentifiedChain", "identify_chain"),
     "lacet.services.library.comparisons": ("Comparison", "compare"),

@@ -21,6 +21,7 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.catalogue import base_model, catalogue
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
@@ -173,7 +174,7 @@ def identify(folder: Path, known: Path, without: Sequence[str] = (), draws: int 
     owners = [effect.key for effect in effects for _ in effect.parameters]
     for i, (name, owner) in enumerate(zip(fitted.model.names, owners, strict=True)):
         if owner in ours:
-            out.parameters[name] = (float(fitted.theta[i]), 1.96 * float(wide[i]))
+            out.parameters[name] = (float(fitted.theta[i]), TWO_SIDED_95 * float(wide[i]))
     return out
 
 

@@ -13,6 +13,7 @@ from scipy.stats import beta
 
 from benchmarks.blind.cases import BANDS, CAMPAIGN, UNSIZED, Cell, Part, cells
 from benchmarks.blind.making import HOME
+from lacet.identify.intervals import TWO_SIDED_95
 
 PAGE = HOME / "docs" / "benchmarks" / "blind.md"
 LOUD = "noise twice the sheet"
@@ -91,7 +92,7 @@ def inside(record: Record, parts: Sequence[Part]) -> bool | None:
         return None
     found = [value for name, value in record["parameters"].items() if name.startswith(f"{part.key}.")]
     true = part.values[0] * record["hidden"][0][1]
-    return abs(found[0][0] - true) <= float(np.hypot(found[0][1], 1.96 * record.get("tolerance", 0.0)))
+    return abs(found[0][0] - true) <= float(np.hypot(found[0][1], TWO_SIDED_95 * record.get("tolerance", 0.0)))
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from lacet.daq.channels import CORNERS
+from lacet.identify.intervals import TWO_SIDED_95
 
 _PLACES = {
     "front": {"fl", "fr"},
@@ -133,7 +134,7 @@ def intervals(record: Record) -> list[bool]:
         for name, factor in part["values"].get(family, {}).items():
             printed = record["verdict"]["parameters"].get(key, {}).get(f"{key}.{name}")
             if printed is not None:
-                half = float(np.hypot(printed[1], 1.96 * part["tolerance"]))
+                half = float(np.hypot(printed[1], TWO_SIDED_95 * part["tolerance"]))
                 out.append(abs(printed[0] - factor * part["size"]) <= half)
     return out
 

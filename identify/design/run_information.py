@@ -15,6 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lacet.identify.car.rows import Row
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.base_parameters import find_base
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.corrected_scores import given_back
@@ -221,7 +222,7 @@ def half_widths(fitted: Fit) -> Array:
     kept = {int(i) for i in fitted.base.independent} | set(range(len(fitted.physics), len(fitted.theta)))
     sigma = np.sqrt(np.maximum(0.0, np.diag(fitted.covariance)))
     prior = np.array([q.prior for q in fitted.model.parameters])
-    return 1.96 * np.where([i in kept for i in range(len(prior))], np.minimum(sigma, prior), prior)
+    return TWO_SIDED_95 * np.where([i in kept for i in range(len(prior))], np.minimum(sigma, prior), prior)
 
 
 def _inverse(A: Array) -> Array:

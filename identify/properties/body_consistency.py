@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from lacet.identify.effects.base import with_places
 from lacet.identify.effects.body.rigid_body import RigidBody
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.pseudo_inertia import BASIS, BodyFault, body_fault, in_units
 from lacet.identify.multibody.rigid_body import PARAMETERS, REVOLUTION
 from lacet.identify.multibody.vectors import Array
@@ -133,7 +134,9 @@ def _check(fitted: Fit, body: Body) -> BodyCheck:
     width = len(slope)
     spread = float(np.sqrt(max(0.0, slope @ fitted.covariance[:width, :width] @ slope)))
     fault = body_fault(body.to_ten @ fitted.physics)
-    return BodyCheck(body.name, _shared(fitted, body), fault is None, float(spectrum[0][0]), 1.96 * spread, fault)
+    return BodyCheck(
+        body.name, _shared(fitted, body), fault is None, float(spectrum[0][0]), TWO_SIDED_95 * spread, fault
+    )
 
 
 def _shared(fitted: Fit, body: Body) -> tuple[str, ...]:

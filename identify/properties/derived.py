@@ -16,6 +16,7 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
 from lacet.identify.car.rows import CHASSIS_ROWS, SUSPENSION_ROWS, Row, RowAbsence
 from lacet.identify.effects.base import SuspensionForce, with_places
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.corner_rates import BLOCKS, CornerNumbers, corner_numbers, rows_unseen, suspension_laws
 from lacet.identify.properties.ride_model import ride_values
@@ -96,20 +97,20 @@ def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[
     with_sheet = np.hypot(spread, np.sqrt(np.maximum(0.0, sheet)))
     out: list[Derived] = []
     for k, name in enumerate(names):
-        half = 1.96 * float(spread[k])
+        half = TWO_SIDED_95 * float(spread[k])
         determined = bool(usable[k]) and not moved[k].any() and half <= WIDE * abs(float(values[k]))
         why = None
         if not determined:
             which: tuple[int, ...] = ()
             if usable[k]:
-                enough = (WIDE * abs(float(values[k])) / 1.96) ** 2
+                enough = (WIDE * abs(float(values[k])) / TWO_SIDED_95) ** 2
                 which = knowledge.responsible(np.asarray(np.outer(slopes[k], slopes[k]), float), enough)
                 why = knowledge.open_parameters(which)
             else:
                 why = ImpossibleCar()
             blind = next((row for row, at in zip(rows, moved[k] if usable[k] else unseen, strict=True) if at), None)
             why = _not_measured(fitted, name) or (_missing(fitted, blind) if blind else None) or why
-        half_sheet = 1.96 * float(with_sheet[k])
+        half_sheet = TWO_SIDED_95 * float(with_sheet[k])
         out.append(Derived(name, float(values[k]), units[k], half, half_sheet, determined, why))
     return out
 
@@ -127,9 +128,9 @@ def sum_of_bars(fitted: Fit, knowledge: Knowledge) -> list[Derived]:
     slope = np.array([1.0 if name in _BARS else 0.0 for name in knowledge.names])
     p = slope.size
     variance = slope @ (knowledge.covariance + fitted.covariance_sheet[:p, :p]) @ slope
-    value, half = float(slope @ fitted.physics), 1.96 * float(np.sqrt(variance))
+    value, half = float(slope @ fitted.physics), TWO_SIDED_95 * float(np.sqrt(variance))
     determined = half <= WIDE * abs(value)
-    which = () if determined else knowledge.responsible(np.outer(slope, slope), (WIDE * value / 1.96) ** 2)
+    which = () if determined else knowledge.responsible(np.outer(slope, slope), (WIDE * value / TWO_SIDED_95) ** 2)
     why = None if determined else knowledge.open_parameters(which)
     return [Derived("anti_roll_bars.k", value, "N/m", half, half, determined, why)]
 
@@ -200,7 +201,7 @@ def damper_curves(fitted: Fit, knowledge: Knowledge, points: int = 41) -> dict[s
                 still = suspension_laws(effect, runs[0].kept_motion, at, dict.fromkeys(CORNERS, np.zeros(points)))
                 if corner in moving:
                     laws[:, part] = (moving[corner] - still[corner]).T
-        out[corner] = DamperCurve(rate, laws @ fitted.physics, 1.96 * knowledge.spread(laws), travel)
+        out[corner] = DamperCurve(rate, laws @ fitted.physics, TWO_SIDED_95 * knowledge.spread(laws), travel)
     return out
 
 

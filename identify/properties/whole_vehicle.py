@@ -14,6 +14,7 @@ import numpy as np
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.car_tree import WHEEL, car_chain
 from lacet.identify.effects.base import with_places
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.rigid_body import REVOLUTION, move_parameters
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sums.linear_fit import FittedModel
@@ -58,8 +59,10 @@ def whole_vehicle(fitted: FittedModel, vehicle: Vehicle) -> WholeVehicle | None:
     sheet = np.sqrt(np.maximum(0.0, np.einsum("ij,jk,ik->i", slope, fitted.covariance_sheet, slope)))
     # Grouping alone accepts what rests on round-off: an interval many times the value is no determination.
     size = np.array([values[0], *[_length(vehicle)] * 3, *[values[0] * _length(vehicle) ** 2] * 6])
-    determined &= np.isfinite(values) & (1.96 * spread < np.abs(size))
-    return WholeVehicle(values, 1.96 * spread, 1.96 * np.hypot(spread, sheet), tuple(bool(d) for d in determined))
+    determined &= np.isfinite(values) & (TWO_SIDED_95 * spread < np.abs(size))
+    return WholeVehicle(
+        values, TWO_SIDED_95 * spread, TWO_SIDED_95 * np.hypot(spread, sheet), tuple(bool(d) for d in determined)
+    )
 
 
 def _length(vehicle: Vehicle) -> float:

@@ -20,6 +20,7 @@ from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.sensors.sensor_latency import SensorLatency
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.gauss_newton import CHECK_RULE, LinearStep, StepRule
@@ -140,7 +141,7 @@ def estimate_latencies(
         unbias = bool(last) and last[0].is_near
         fitted = fit(physics, drives, FitOptions(unbias=unbias))
         step, covariance, seen = _step(fitted, faults, shift)
-        half = 1.96 * np.sqrt(np.diag(covariance))
+        half = TWO_SIDED_95 * np.sqrt(np.diag(covariance))
         last[:] = [_Reading(fitted, half, seen, unbias or _NEAR_RULE.is_small(rule.limited(step), shift, half))]
         return LinearStep(step, half, final=unbias)
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.corrected_scores import given_back
 from lacet.identify.regression.qr_accumulation import orthonormaliser
@@ -59,7 +60,7 @@ def seconds_needed(fitted: Fit | GrownFit, target: float, length: float) -> Enou
     grown = _variances(fitted)
     variance = np.maximum(total - stays, 0.0) * (grown / grown[0]) + stays + np.diag(sheet)[place]
     with np.errstate(divide="ignore", invalid="ignore"):
-        relative = np.where(value > 0.0, 1.96 * np.sqrt(variance) / value, np.inf)
+        relative = np.where(value > 0.0, TWO_SIDED_95 * np.sqrt(variance) / value, np.inf)
     # Rounding apart the intervals only fall.
     relative = np.minimum.accumulate(relative, axis=0)
     times = np.array([_first(column, target) for column in relative.T])

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from lacet.identify.selection.candidate import Answer, Candidate, Reason, judged
 from lacet.identify.selection.joint.refits import Joint
 from lacet.identify.selection.joint.subset_search import strength
-from lacet.identify.selection.score_tests import Answer, Candidate, Reason, judged
 from lacet.identify.selection.settings import SELECTION
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.columns.candidate_columns import solved
 from lacet.identify.selection.columns.cross_products import CrossProducts
 from lacet.identify.selection.columns.run_products import RunProducts
@@ -26,7 +27,7 @@ from lacet.identify.selection.columns.samples import RunSamples
 from lacet.identify.selection.lack_of_fit import with_columns
 from lacet.identify.selection.partial_regression import PartialRegression
 from lacet.identify.selection.rest import AddedLaw
-from lacet.identify.selection.score_tests import Candidate, ScoreTests
+from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 
 

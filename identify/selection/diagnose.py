@@ -19,6 +19,7 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.answers import answered
+from lacet.identify.selection.candidate import Answer, Candidate, Reason, judged
 from lacet.identify.selection.chow_test import ParameterConstancy, chow_test, chow_test_in_model
 from lacet.identify.selection.columns.linearisation import Linearisation, sheet_products
 from lacet.identify.selection.columns.ranked_runs import LocalRuns, RankedRuns
@@ -40,7 +41,7 @@ from lacet.identify.selection.joint.subset_search import strength
 from lacet.identify.selection.laws.formulas import Formula, propose
 from lacet.identify.selection.relinearisation import relinearise, relinearised_columns
 from lacet.identify.selection.rest import Rest, acts_on, added_faults
-from lacet.identify.selection.score_tests import Answer, Candidate, Reason, ScoreTests, judged
+from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.selection.tolerance_tests import ToleranceUse
 from lacet.identify.validation.noise_floor import NoiseFloor

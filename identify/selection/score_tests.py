@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from enum import Enum, StrEnum, auto
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +13,7 @@ from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
-from lacet.identify.regression.prepared_run import Unmeasured
+from lacet.identify.selection.candidate import Answer, Candidate, Reason
 from lacet.identify.selection.columns.candidate_columns import CandidateColumns
 from lacet.identify.selection.columns.layout import Trial
 from lacet.identify.selection.columns.linearisation import Linearisation
@@ -29,115 +28,6 @@ from lacet.identify.selection.lack_of_fit import (
 from lacet.identify.selection.partial_regression import BlockGains, EnergyTask, GainsTask, PartialRegression, beside
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.selection.tolerance_tests import FaultWithoutTolerance, ToleranceUse, tolerance_use, tolerances_like
-
-
-class Answer(StrEnum):
-    """Answer of a ranking to one candidate: whether the model lacks it."""
-
-    MISSING = "missing"
-    """It is found to be missing."""
-    UNDECIDED = "undecided"
-    """It could be in the place of one found (`Candidate.stands_for`); or it is not judged yet."""
-    STANDS_IN = "stands in"
-    """It stands out alone, and not beside the effects found: it looks like one of them (`Candidate.stands_for`)."""
-    IMPLAUSIBLE = "implausible size"
-    SMALL = "smaller than asked for"
-    """It is there, and takes away less than asked for, or than the laws found may be inexact."""
-    NOT_NEEDED = "not needed"
-    NOT_TESTABLE = "not testable"
-
-
-class Reason(Enum):
-    """Reason for a candidate's answer."""
-
-    NOT_COMPUTABLE = auto()
-    """A run lacks what it needs (`Candidate.lacks`)."""
-    NEVER_ACTS = auto()
-    IN_THE_MODEL = auto()
-    """The model explains its columns on these runs."""
-    FEW_BLOCKS = auto()
-    """Its `coverage` is below `least_coverage`."""
-    SMALL = auto()
-    """Its `size` is below `least_size`; `absorbed` names what explains its columns."""
-    NOISE = auto()
-    """More than `most_noise_in_candidate` of its columns is noise, which is their own (`noise_part`)."""
-    CHANCE = auto()
-    """Its `p` is above `significance`."""
-    LITTLE = auto()
-    """Its `gain` and `most` are below `least_gain`."""
-    IMPLAUSIBLE = auto()
-    """A parameter is outside what is plausible on any car."""
-    INEXACT = auto()
-    """It takes away no more than the laws found may be inexact (`law_inexactness`)."""
-    STANDS_IN = auto()
-    """Beside the effects found it takes nothing away that chance does not."""
-    PART_OF_REST = auto()
-    """It was in the set found and explains no more than remains unlisted in its rows."""
-    TIED = auto()
-    """It was in the set found, something unlisted remains, and its `ties` are not rejected in its place."""
-    PASSES = auto()
-    """It passes every bar."""
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """Effect tested as an addition to the model.
-
-    Attributes
-    ----------
-    key : key of the effect; `shape` the shape constants that fit best.
-    answer : whether it is missing, with its `reason`.
-    stands_for : effect found that it looks like; empty without one.
-    gain : fall of the weighted squares of its rows in blocked cross-validation, as a share, at most 1; `total_gain`
-        the fall of the weighted squares of all rows.
-    most : largest such share in a single row.
-    gain_rms : that fall as RMS of the residual over its `rows` of one unit [N or N·m].
-    drop : fall of the weighted sum of squares on all data; `p` family-wise probability of such a fall by chance.
-    coverage : effective number of blocks it acts in.
-    size : √λ of the effect at its largest plausible size, nuisance parameters removed [noise σ].
-    absorbed : effects and tolerances that explain its columns where it cannot be tested, largest share first.
-    noise_part : largest share of noise in its columns, where it cannot be tested for that.
-    lacks : channels that it needs and a run lacks, where it cannot be computed.
-    values : estimates of its parameters [SI], and `interval`, half of their 95 % intervals (independent residuals).
-    ties : candidates that could be in its place on these runs (not rejected by Cox's test), with their correlation.
-    margin : weighted squares that an effect found explains more than its best `rival` in its place; None without one.
-    block_gain : (B,) fall of the weighted squares in each block.
-
-    Examples
-    --------
-    >>> best = ranking.best
-    >>> best.key, best.rows
-    ('anti_roll_bar.front', ('suspension.fl', 'suspension.fr'))
-    """
-
-    key: str
-    shape: Mapping[str, float]
-    answer: Answer = Answer.UNDECIDED
-    reason: Reason | None = None
-    stands_for: str = ""
-    rows: tuple[Row, ...] = ()
-    gain: float = 0.0
-    most: float = 0.0
-    gain_rms: float = 0.0
-    total_gain: float = 0.0
-    drop: float = 0.0
-    p: float = 1.0
-    coverage: float = 0.0
-    size: float = 0.0
-    absorbed: tuple[tuple[str, float], ...] = ()
-    noise_part: float = 0.0
-    lacks: Unmeasured | None = None
-    values: tuple[float, ...] = ()
-    interval: tuple[float, ...] = ()
-    ties: tuple[tuple[str, float], ...] = ()
-    margin: float | None = None
-    rival: str = ""
-    block_gain: Array = field(default_factory=lambda: np.zeros(0), repr=False)
-
-    @property
-    def tested(self) -> bool:
-        """Whether the runs could show it."""
-        return self.answer is not Answer.NOT_TESTABLE
 
 
 @dataclass(frozen=True)
@@ -595,19 +485,3 @@ def _mean(fall: float, null: Array) -> float:
 
 def _p_above(fall: float, worst: Array) -> float:
     return float((1 + np.count_nonzero(worst >= fall)) / (1 + worst.size))
-
-
-def judged(c: Candidate, effect: Effect, draws: int) -> Candidate:
-    """A tested candidate by itself with its answer and the reason; p is from `draws` simulated runs."""
-    if c.p > SELECTION.level(draws):
-        return replace(c, answer=Answer.NOT_NEEDED, reason=Reason.CHANCE)
-    if c.gain <= 0.0 or max(c.gain, c.most) < SELECTION.least_gain:
-        return replace(c, answer=Answer.SMALL, reason=Reason.LITTLE)
-    if effect.implausible(c.values, c.interval) is not None:
-        return replace(c, answer=Answer.IMPLAUSIBLE, reason=Reason.IMPLAUSIBLE)
-    return replace(c, answer=Answer.MISSING, reason=Reason.PASSES)
-
-
-def is_significant(c: Candidate, effect: Effect, draws: int) -> bool:
-    """Whether a candidate is significant and of plausible size, whatever its gain."""
-    return c.p <= SELECTION.level(draws) and c.gain > 0.0 and effect.implausible(c.values, c.interval) is None

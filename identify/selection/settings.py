@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.regression.uncertainty import BLOCK
 
 
@@ -56,7 +57,7 @@ class SelectionSettings:
     correction_doubt: float = 0.1
     """Part of the noise correction of a fault's score by which the correction itself may be wrong, not counted as the
     fault's effect [share]. Source: benchmark; docs/decisions/ranking.md, "A fault's column holds noise"."""
-    interval_quantile: float = 1.96
+    interval_quantile: float = TWO_SIDED_95
     """Half of a 95 % interval [σ]. Source: the normal distribution."""
 
     # -- which rows fail, and by what ----------------------------------------------------------------------------------

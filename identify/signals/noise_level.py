@@ -16,6 +16,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from lacet.daq.channels import CHANNELS
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run, Signal
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.vectors import Array
 
 MOTION = 20.0
@@ -185,7 +186,7 @@ def _level(sensor: str, family: str, sheet: float, signals: dict[str, list[Signa
     sigma = float(np.sqrt(np.mean(variances)))
     # Columns are independent: standard error of their mean variance, converted to one of σ.
     error = float(np.sqrt(np.sum(np.square(errors)))) / len(errors)
-    half = 1.96 * 0.5 * error / sigma if sigma > 0.0 else 0.0
+    half = TWO_SIDED_95 * 0.5 * error / sigma if sigma > 0.0 else 0.0
     flatness = float(np.median(ratios)) if ratios else None
     return NoiseLevel(sensor, family, sigma, half, sheet, columns, flatness)
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lacet.identify.car.rows import Row
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
@@ -160,7 +161,7 @@ def _of_row(
     rms = float(np.sqrt(total / count))
     part, usual = float(present[0][0]), float(np.quantile(present[0][1:], 0.95))
     beyond = float((least[:, 0] - more[:, 0]).sum()) / total
-    half = 1.96 * _spread(whole[:, 0], least[:, 0])
+    half = TWO_SIDED_95 * _spread(whole[:, 0], least[:, 0])
     excess = 1.0 - floor**2 / rms**2
     above = excess > 0.0
     return ExplainableResidual(

@@ -11,6 +11,7 @@ from lacet.daq.channels import CORNERS
 from lacet.identify.car.car_tree import AXLE, WHEEL
 from lacet.identify.car.rows import SPRUNG_MASS, Row, RowAbsence
 from lacet.identify.effects.base import Effect, columns_by_row
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sums.linear_fit import FittedModel
@@ -139,8 +140,8 @@ def estimates(fitted: FittedModel, drawn: Array | None = None, runs: Sequence[Pr
     sigma = np.sqrt(np.maximum(0.0, np.diag(fitted.covariance)))
     plain = np.sqrt(np.maximum(0.0, np.diag(fitted.covariance_iid)))
     searched, sheet = fitted.covariances_searched
-    half = 1.96 * np.sqrt(np.maximum(0.0, np.diag(searched)))
-    half_sheet = 1.96 * np.sqrt(np.maximum(0.0, np.diag(searched + sheet)))
+    half = TWO_SIDED_95 * np.sqrt(np.maximum(0.0, np.diag(searched)))
+    half_sheet = TWO_SIDED_95 * np.sqrt(np.maximum(0.0, np.diag(searched + sheet)))
     blocks = np.full(len(sigma), np.nan)
     if drawn is not None:
         blocks = 0.5 * np.asarray(np.ptp(np.percentile(drawn, (2.5, 97.5), axis=0), axis=0), float)
@@ -153,9 +154,9 @@ def estimates(fitted: FittedModel, drawn: Array | None = None, runs: Sequence[Pr
         if i in place:
             group = fitted.base.describe(place[i])
             if plain[i] > _WIDE * parameter.prior:
-                why = HardlyKnown(1.96 * float(plain[i]), parameter.unit, shown_by(parameter.name, effect))
-            elif 1.96 * sigma[i] > max(abs(value), _natural(fitted, parameter.name)):
-                why = WiderThanValue(1.96 * float(sigma[i]), parameter.unit, shown_by(parameter.name, effect))
+                why = HardlyKnown(TWO_SIDED_95 * float(plain[i]), parameter.unit, shown_by(parameter.name, effect))
+            elif TWO_SIDED_95 * sigma[i] > max(abs(value), _natural(fitted, parameter.name)):
+                why = WiderThanValue(TWO_SIDED_95 * float(sigma[i]), parameter.unit, shown_by(parameter.name, effect))
             elif aside and half_sheet[i] > WIDE * max(abs(value), _usual(fitted, parameter.name, runs)):
                 own = [q.name for q in effect.parameters].index(parameter.name)
                 why = SeenAside(float(half_sheet[i]), parameter.unit, *_own_row(runs, effect, own))

@@ -13,6 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.vectors import Array
 
 SIGNIFICANCE = 0.01
@@ -111,7 +112,7 @@ def whiteness(residual: Array, draws: Array, place: NDArray[np.intp], spacing: f
         peak = float(frequency[inside] @ power[0, inside] / power[0, inside].sum())
     lags = int(min(_LAGS * 2, residual.size // 4))
     acf = _acf(series, usable, lags)
-    spread = 1.96 * acf[1:].std(axis=0, ddof=1 if count > 1 else 0)
+    spread = TWO_SIDED_95 * acf[1:].std(axis=0, ddof=1 if count > 1 else 0)
     centre = acf[1:].mean(axis=0)
     return Whiteness(
         frequency=np.array([float(frequency[part].mean()) for part in bands]),

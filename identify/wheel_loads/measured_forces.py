@@ -13,6 +13,7 @@ from lacet.daq.errors import NotIdentifiable
 from lacet.identify.car.motion import Motion
 from lacet.identify.car.rows import CHASSIS_ROWS
 from lacet.identify.effects.base import AXLES
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.vectors import Array, dot
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import corrected_run
@@ -21,7 +22,7 @@ from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.wheel_loads.known_car import KnownCar
 from lacet.identify.wheel_loads.observer import estimate_forces
 from lacet.identify.wheel_loads.outputs import FORCES, SUMS, EstimatedForces
-from lacet.identify.wheel_loads.settings import DRAWS, TWO_SIDED_95
+from lacet.identify.wheel_loads.settings import DRAWS
 from lacet.identify.wheel_loads.tyre_contact import UNKNOWNS, WheelAxes
 from lacet.identify.wheel_loads.without_dynamometers import LOADS
 

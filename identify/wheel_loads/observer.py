@@ -16,13 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from lacet.identify.car.sources.completion import completed
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import corrected_run
 from lacet.identify.wheel_loads.instants import Instants, Solved
 from lacet.identify.wheel_loads.known_car import NOTHING, Changes, KnownCar
 from lacet.identify.wheel_loads.outputs import FORCES, EstimatedForce, EstimatedForces, RunConstant, row_of
-from lacet.identify.wheel_loads.settings import TWO_SIDED_95
 from lacet.identify.wheel_loads.without_dynamometers import placed, rows_of
 
 

@@ -57,8 +57,6 @@ class Assumptions:
 STANDARD = Assumptions()
 """What is assumed of road tyres on a passenger car."""
 
-TWO_SIDED_95 = 1.96
-"""Half of a 95 % band ÷ 1 σ."""
 DRAWS = 16
 """Simulated noise draws of a run behind the covariance of its rows: it is known to 1 % then."""
 TURNS = 3

@@ -14,6 +14,9 @@ from lacet.daq.errors import UsageError
 SYSTEM = sys.platform
 """The system, as Python names it."""
 
+NICE = 10
+"""Priority of what must not disturb a recorder, as of the command `nice`."""
+
 force: Callable[[int], None] = getattr(os, "fdatasync", os.fsync)
 """Force what is written to a file to the medium, by descriptor."""
 
@@ -37,6 +40,12 @@ def is_locked(descriptor: int) -> bool:
     except (ImportError, OSError):
         return False
     return False
+
+
+def lower_priority() -> None:
+    """Let other programs go first, a recorder on this machine; nothing where the system has no such call."""
+    if hasattr(os, "nice"):
+        os.nice(NICE)
 
 
 def poller() -> Any:

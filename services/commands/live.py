@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import signal
 import sys
 import time
@@ -22,7 +21,7 @@ from lacet.daq.bus.listener import BusListener
 from lacet.daq.bus.session import ROUTER, open_session
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
-from lacet.services.acquisition.system_calls import is_unread
+from lacet.services.acquisition.system_calls import is_unread, lower_priority
 from lacet.services.commands.bus_options import add_keys, credentials_of, router_of
 from lacet.services.render.live_fit import screen
 from lacet.services.workspace.live_follow import TARGET, LiveFollower, model_of_study, nothing_known, over
@@ -31,8 +30,6 @@ AGAIN = 2.0
 """Time between attempts to reach the router [s]."""
 IDLE = 2.0
 """Period of the lines of JSON while nothing is new [s]."""
-NICE = 10
-"""Priority, as of `nice`: a recorder on this machine goes first."""
 
 HELP = "fit the run that is being recorded, each second: error by row, and which parameters are known well enough"
 DESCRIPTION = """\
@@ -80,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     stop = Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    os.nice(NICE)
+    lower_priority()
     last: dict[str, Any] | None = None
     complained = False
     console = Console(stderr=args.json == "-", highlight=False, markup=False)

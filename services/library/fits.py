@@ -16,8 +16,8 @@ from lacet.identify.progress import silent
 from lacet.identify.regression import wls
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.joint.shape_constants import constants_by_runs
-from lacet.identify.selection.score_tests import Candidate
 from lacet.identify.validation.noise_floor import SCORE_DRAWS, NoiseFloor, floor_of
 from lacet.identify.validation.parameter_estimates import Estimate, estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge

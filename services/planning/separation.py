@@ -31,8 +31,8 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import silent
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.candidate import Answer, Candidate
 from lacet.identify.selection.diagnose import Diagnosis
-from lacet.identify.selection.score_tests import Answer, Candidate
 from lacet.services.cache.keys import service_sources, simulator_sources
 from lacet.services.planning.manoeuvre_library import Limits, Plan, kinds, library
 from lacet.services.planning.nominal_car import known_values, planned_car

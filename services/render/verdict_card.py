@@ -8,7 +8,7 @@ from typing import Any
 
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
-from lacet.identify.selection.score_tests import Answer
+from lacet.identify.selection.candidate import Answer
 from lacet.identify.validation.score import RowError, RowScore
 from lacet.services.render.effect_text import effect_label
 from lacet.services.render.verdicts import last_name, rounded, two_digits

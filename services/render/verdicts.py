@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from lacet.identify.effects.base import Effect, Implausible, Parameter
+from lacet.identify.selection.candidate import Answer, Candidate, Reason, is_significant
 from lacet.identify.selection.chow_test import ParameterConstancy
 from lacet.identify.selection.diagnose import Diagnosis, Grounds
 from lacet.identify.selection.laws.formulas import Formula, Law
-from lacet.identify.selection.score_tests import Answer, Candidate, Reason, is_significant
 from lacet.identify.selection.settings import SELECTION
 from lacet.services.render import tables
 from lacet.services.render.effect_text import needed, not_measured

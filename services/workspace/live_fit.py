@@ -26,6 +26,7 @@ from lacet.daq.run_limits import RunLimits
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import Row
 from lacet.identify.car.sources.completion import completed
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import OVERVIEW, PreparedRun
 from lacet.identify.regression.recursive_fit import ChangedRunError, GrownFit, RecursiveFit
@@ -41,17 +42,20 @@ from lacet.services.acquisition.live_samples import LEAST_FREE, LiveSamples
 from lacet.services.workspace.loading import in_common, prepare_run
 
 QUICK = 0.5
-"""Longest time that a fit from scratch may take to be made each second [s]: the rest of the second is the machine's."""
+"""Longest time that a fit from scratch may take to be made each second [s]: the rest of the second is the machine's.
+Source: a choice."""
 GROWTH = 1.5
-"""Factor by which a run has grown since the last fit from scratch when the next one is made beside the sums."""
+"""Factor by which a run has grown since the last fit from scratch when the next one is made beside the sums.
+Source: a choice."""
 LONGEST = 300.0
 """Length of the longest run that is fitted from scratch [s]: the memory that it takes grows with the run. Source: a
 choice; 300 s take 0.7 GB (docs/live.md)."""
 MOVED = 1.0
 """Change of a value since the last fit from scratch, in its 95 % half intervals then, at which the next one is made
-beside the sums before the run has grown by `GROWTH`: the residual is linearised at values that no longer hold."""
+beside the sums before the run has grown by `GROWTH`: the residual is linearised at values that no longer hold. Source:
+a choice."""
 LEAST_GROWTH = 1.1
-"""Factor by which the run must have grown for that."""
+"""Factor by which the run must have grown for that. Source: processor time."""
 STEP = 30.0
 """Most new seconds that are added to the sums at once [s]: so much of the channels is in memory."""
 STALLED = 60.0
@@ -306,5 +310,5 @@ class LiveFit:
 def _moved(fitted: FittedModel, before: FittedModel) -> float:
     """Largest change of a value since a fit before, in its 95 % half intervals with the sensor sheet."""
     kept = before.place
-    half = 1.96 * np.sqrt(np.diag(before.covariance + before.covariance_sheet)[kept])
+    half = TWO_SIDED_95 * np.sqrt(np.diag(before.covariance + before.covariance_sheet)[kept])
     return float(np.max(np.abs(fitted.theta[kept] - before.theta[kept]) / half))

@@ -13,8 +13,8 @@ from lacet.identify.properties.derived import damper_curves, derived_values, ran
 from lacet.identify.properties.whole_vehicle import NAMES, UNITS, WholeVehicle, whole_vehicle
 from lacet.identify.regression.sums.linear_fit import FittedModel
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.diagnose import Diagnosis
-from lacet.identify.selection.score_tests import Candidate
 from lacet.identify.validation.parameter_estimates import Estimate, estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.row_sources import row_sources

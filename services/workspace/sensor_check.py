@@ -10,6 +10,7 @@ import numpy as np
 
 from lacet.daq.formats.result import plain
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.properties.whole_vehicle import NAMES, UNITS, whole_vehicle
 from lacet.identify.regression.instrumental_variables import Contrast, Instruments
 from lacet.identify.regression.latency import Timings
@@ -81,12 +82,12 @@ class Difference:
     @property
     def plain_z(self) -> float:
         """Plain least squares minus instrumental variables, in σ of the difference."""
-        return 1.96 * (self.plain - self.instruments) / self.plain_half if self.plain_half > 0.0 else 0.0
+        return TWO_SIDED_95 * (self.plain - self.instruments) / self.plain_half if self.plain_half > 0.0 else 0.0
 
     @property
     def fit_z(self) -> float:
         """The corrected fit minus instrumental variables, in σ of the difference."""
-        return 1.96 * (self.fit - self.instruments) / self.fit_half if self.fit_half > 0.0 else 0.0
+        return TWO_SIDED_95 * (self.fit - self.instruments) / self.fit_half if self.fit_half > 0.0 else 0.0
 
 
 def differences(found: Instruments, vehicle: Vehicle) -> list[Difference]:
@@ -95,11 +96,11 @@ def differences(found: Instruments, vehicle: Vehicle) -> list[Difference]:
     least = iv.theta + found.plain.difference
 
     def half(contrast: Contrast, i: int) -> float:
-        return 1.96 * float(np.sqrt(max(0.0, contrast.covariance[i, i])))
+        return TWO_SIDED_95 * float(np.sqrt(max(0.0, contrast.covariance[i, i])))
 
     out: list[Difference] = []
     for i, q in enumerate(iv.model.parameters):
-        own = 1.96 * float(np.sqrt(max(0.0, iv.covariance[i, i])))
+        own = TWO_SIDED_95 * float(np.sqrt(max(0.0, iv.covariance[i, i])))
         if own > 0.0:
             halves = half(found.plain, i), half(found.corrected, i)
             out.append(

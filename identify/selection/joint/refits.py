@@ -14,6 +14,7 @@ import scipy
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.columns.candidate_columns import solved
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.joint.alternatives import alternatives
@@ -27,7 +28,7 @@ from lacet.identify.selection.rest import (
     departures_on_rows,
     laws_on_rows,
 )
-from lacet.identify.selection.score_tests import Candidate, ScoreTests
+from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 
 

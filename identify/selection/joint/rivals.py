@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lacet.identify.effects.base import Effect
+from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.columns.candidate_columns import solved
 from lacet.identify.selection.columns.layout import Trial
 from lacet.identify.selection.joint.shape_constants import with_best_constants
 from lacet.identify.selection.partial_regression import PartialRegression
-from lacet.identify.selection.score_tests import Candidate, ScoreTests
+from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 
 

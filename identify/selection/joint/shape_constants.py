@@ -16,11 +16,12 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.columns.candidate_columns import solved
 from lacet.identify.selection.columns.interpolation import searched_in_ratios
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.partial_regression import PartialRegression
-from lacet.identify.selection.score_tests import Candidate, ScoreTests
+from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor
 

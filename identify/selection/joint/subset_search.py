@@ -18,10 +18,11 @@ import numpy as np
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress, Stage, Step, silent
+from lacet.identify.selection.candidate import Answer, Candidate, judged
 from lacet.identify.selection.joint.rivals import rivals
 from lacet.identify.selection.joint.shape_constants import with_best_constants
 from lacet.identify.selection.rest import AddedLaw
-from lacet.identify.selection.score_tests import Answer, Candidate, ScoreTests, judged
+from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 
 

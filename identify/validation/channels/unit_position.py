@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lacet.identify.effects.sensors.sensor_position import SensorPosition
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.regression.wls import Fit, extended
 
 TESTABLE = 0.05
@@ -69,7 +70,7 @@ def unit_position(fitted: Fit) -> list[AxisPosition]:
     out: list[AxisPosition] = []
     for k, (axis, fault) in enumerate(faults.items()):
         place = names.index(fault.parameters[0].name)
-        half = 1.96 * float(np.sqrt(found.covariance[place, place]))
+        half = TWO_SIDED_95 * float(np.sqrt(found.covariance[place, place]))
         tolerance = rig.tolerance(CHANNEL, "position")
         out.append(AxisPosition(axis, given[k], given[k] + float(found.theta[place]), half, tolerance))
     return out

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from lacet.identify.selection.score_tests import Answer, Candidate
+from lacet.identify.selection.candidate import Answer, Candidate
 from lacet.identify.validation.parameter_estimates import Estimate
 from lacet.services.render.figures.panels import CHANCE, ERROR, FAULT, HELD, MEASURED, MODEL
 from lacet.services.render.tables import number

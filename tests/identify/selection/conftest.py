@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
-from lacet.identify.selection.score_tests import Candidate, ScoreTests
+from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from tests.identify.exact_car import driven, exact, exact_with, fit_of
 from tests.identify.selection.exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE

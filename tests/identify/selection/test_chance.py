@@ -9,10 +9,11 @@ import pytest
 
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.diagnose import diagnose
 from lacet.identify.selection.lack_of_fit import excess_is_coloured
-from lacet.identify.selection.score_tests import Candidate, ScoreTests
+from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor
 from lacet.services.render.verdicts import says

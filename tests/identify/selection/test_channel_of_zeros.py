@@ -7,8 +7,8 @@ from lacet.identify.effects.language.compiled import one_line_effects
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import fit
+from lacet.identify.selection.candidate import Answer
 from lacet.identify.selection.diagnose import diagnose
-from lacet.identify.selection.score_tests import Answer
 from lacet.identify.validation.noise_floor import floor_of
 from tests.identify import cars
 

@@ -15,13 +15,14 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
+from lacet.identify.selection.candidate import Answer
 from lacet.identify.selection.columns.cross_products import CrossProducts
 from lacet.identify.selection.columns.layout import Trial
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise, regressor_labels
 from lacet.identify.selection.diagnose import diagnose
 from lacet.identify.selection.relinearisation import relinearise
-from lacet.identify.selection.score_tests import Answer, ScoreTests
+from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.services.render.verdicts import says

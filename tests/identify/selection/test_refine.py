@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.candidate import Answer, Candidate
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.diagnose import diagnose
 from lacet.identify.selection.joint.shape_constants import refined
-from lacet.identify.selection.score_tests import Answer, Candidate, ScoreTests
+from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.services.render.verdicts import says
 from tests.identify.exact_car import KNOWN, driven, exact_with, fit_of

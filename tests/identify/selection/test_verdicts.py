@@ -12,8 +12,9 @@ from lacet.identify.car.rows import SUSPENSION_ROWS
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.candidate import Candidate, is_significant, judged
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
-from lacet.identify.selection.score_tests import Candidate, ScoreTests, is_significant, judged
+from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor
 from lacet.services.render.verdicts import reason_text, says, why
@@ -89,7 +90,7 @@ def test_what_stands_out_and_is_too_small_is_told_where_nothing_is_proposed(
 ):
     small = fit_of(driven(exact_with(HIDDEN, 0.15 * SIZE), 1))
     assert diagnose(small, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == "missing"
-    monkeypatch.setattr("lacet.identify.selection.score_tests.SELECTION", replace(SELECTION, least_gain=0.5))
+    monkeypatch.setattr("lacet.identify.selection.candidate.SELECTION", replace(SELECTION, least_gain=0.5))
     found = diagnose(small, floor, [HIDDEN, *CANDIDATES[:2]])
     assert found.verdict == "nothing missing"
     assert "Chance does not explain all: hidden.front " in says(found)

@@ -6,20 +6,15 @@ import json
 from pathlib import Path
 
 from lacet.services.commands.__main__ import main
-from tests.support.captures import SINUS, cut
+from tests.support.captures import SINUS, cut, replay_wires
 from tests.support.processes import commands
-from tests.support.rig import free_port
 
 SECONDS = 8.0
 
 
 def test_a_worker_in_an_empty_folder_gets_the_same_fit_though_5_percent_of_the_live_blocks_never_came(tmp_path: Path):
     raw = cut(SINUS, tmp_path / "capture.mcap", SECONDS)
-    (tmp_path / "rig.toml").write_text(raw.start.rig_text, encoding="utf-8")
-    (tmp_path / "vehicle.toml").write_text(raw.start.vehicle_text, encoding="utf-8")
-    router = f"tcp/127.0.0.1:{free_port()}"
-    to = [word for i in range(2) for word in ("--to", f"can{i}=multicast:{free_port()}")]
-    to += ["--to", f"udp0=udp:127.0.0.1:{free_port()}"]
+    router, to = replay_wires(tmp_path, raw)
     empty = tmp_path / "empty"
     empty.mkdir()
     from tests.support.processes import Command

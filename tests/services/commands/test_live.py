@@ -18,7 +18,7 @@ from lacet.daq.formats.result import BAD_INPUT
 from lacet.services.commands.__main__ import main
 from lacet.services.render.live_fit import screen
 from tests.services.commands.test_json import conforms
-from tests.support.captures import SINUS, cut
+from tests.support.captures import SINUS, cut, replay_wires
 from tests.support.processes import Command, commands
 from tests.support.rig import free_port
 
@@ -32,11 +32,7 @@ def seen(live: Command) -> list[dict[str, Any]]:
 
 def test_a_killed_fit_leaves_the_recording_whole_and_a_late_one_has_it_all(tmp_path: Path):
     raw = cut(SINUS, tmp_path / "capture.mcap", SECONDS)
-    (tmp_path / "rig.toml").write_text(raw.start.rig_text, encoding="utf-8")
-    (tmp_path / "vehicle.toml").write_text(raw.start.vehicle_text, encoding="utf-8")
-    router = f"tcp/127.0.0.1:{free_port()}"
-    to = [word for i in range(2) for word in ("--to", f"can{i}=multicast:{free_port()}")]
-    to += ["--to", f"udp0=udp:127.0.0.1:{free_port()}"]
+    router, to = replay_wires(tmp_path, raw)
     with commands() as running:
         first = Command("live", "--connect", router, "--lines", cwd=tmp_path)
         replay = Command("replay", "capture.mcap", "--endpoints", "wires.json", "--wait", 30, *to, cwd=tmp_path)

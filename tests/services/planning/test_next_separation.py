@@ -12,7 +12,7 @@ import pytest
 
 from lacet.daq.errors import UsageError
 from lacet.identify.design.discrimination import NEEDED, SHOWS, wrong_pick
-from lacet.identify.selection.score_tests import Answer, Candidate
+from lacet.identify.selection.candidate import Answer, Candidate
 from lacet.services.commands.__main__ import main
 from lacet.services.planning.manoeuvre_library import KMH, Limits, Plan
 from lacet.services.planning.separation import ORDINARY, next_result, next_run, recommend, tied, untestable

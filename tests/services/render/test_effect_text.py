@@ -9,7 +9,7 @@ import pytest
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import GroundLaserOffset
 from lacet.identify.regression.prepared_run import Unmeasured
-from lacet.identify.selection.score_tests import Answer, Candidate, Reason
+from lacet.identify.selection.candidate import Answer, Candidate, Reason
 from lacet.services.commands.__main__ import main
 from lacet.services.render.effect_text import catalogue_text, effect_label, not_measured, trial_outcome, why_not
 from lacet.services.render.verdicts import reason_text

@@ -16,6 +16,7 @@ from lacet.identify.effects.body.payload import Payload
 from lacet.identify.progress import silent
 from lacet.identify.regression.sums.prepared_runs import without_faults
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.candidate import Answer, Candidate, Reason
 from lacet.identify.selection.chow_test import ParameterConstancy
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.diagnose import _as_found, _concluded, _not_constant, diagnose
@@ -45,7 +46,7 @@ from lacet.identify.selection.rest import (
     departures_on_rows,
     laws_on_rows,
 )
-from lacet.identify.selection.score_tests import Answer, Candidate, Reason, ScoreTests
+from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.signals.reconstruct import Recording
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
