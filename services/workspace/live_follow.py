@@ -74,7 +74,10 @@ class LiveFollower:
         self._heard = time.monotonic()
         samples = self.samples
         self.over = bool(samples.start) and not samples.recording
-        if samples.start is None or not samples.latest_ns:
+        if samples.start is None:
+            return None
+        if not samples.latest_ns:
+            self._why = "a recording is heard, but none of its sensors"
             return None
         if samples.start.run_id != self._run:
             self._begin()

@@ -249,6 +249,17 @@ def test_what_was_missed_is_asked_for(log: Path):
     assert marks_set({"marks": [{"t_ns": 3_000_000_000, "text": "a\x1b"}, 7, {}]}, 0) == [{"text": "a", "seconds": 3.0}]
 
 
+def test_a_recording_whose_sensors_are_silent_is_heard(log: Path):
+    """One that comes when nothing is sent any more does not say that there is no recording."""
+    bus = _Bus()
+    follower = LiveFollower(bus, model_of_study(None), 0.02)
+    assert follower.turn(0.0) is None
+    assert follower.state()["line"] == "no recording is heard yet"
+    _Recording(log, bus.queue.append)
+    assert follower.turn(0.0) is None
+    assert follower.state()["line"] == "a recording is heard, but none of its sensors"
+
+
 def test_a_later_run_takes_the_place_of_the_last(log: Path):
     """An earlier one is offered meanwhile, as runs are that no worker has."""
     car = _Recording(log)
