@@ -20,6 +20,7 @@ from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.corner_rates import BLOCKS, CornerNumbers, corner_numbers, rows_unseen, suspension_laws
 from lacet.identify.properties.ride_model import ride_values
+from lacet.identify.properties.sums_of_places import sums_of_places
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.parameter_estimates import WIDE
 from lacet.identify.validation.prediction_uncertainty import Knowledge, OpenParameters
@@ -75,12 +76,12 @@ class DamperCurve:
 def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[Derived]:
     """The derived values of a fit; empty when the model has no chassis.
 
-    Of a fit to the rows of the body alone, whose mass is no parameter, only the sum of the anti-roll bars.
+    Of a fit to the rows of the body alone, whose mass is no parameter, only sums of laws (`inseparable_sums`).
     """
     if "M6" not in knowledge.names:
         return []
     if any(row.kind == "body" for row in fitted.rows) and not any(row in SUSPENSION_ROWS for row in fitted.rows):
-        return sum_of_bars(fitted, knowledge)
+        return inseparable_sums(fitted, knowledge)
     table = corner_numbers(fitted)
     x = table @ fitted.physics
     names, units, values = _values(x, vehicle)
@@ -112,27 +113,19 @@ def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[
             why = _not_measured(fitted, name) or (_missing(fitted, blind) if blind else None) or why
         half_sheet = TWO_SIDED_95 * float(with_sheet[k])
         out.append(Derived(name, float(values[k]), units[k], half, half_sheet, determined, why))
+    return [*out, *inseparable_sums(fitted, knowledge)]
+
+
+def inseparable_sums(fitted: Fit, knowledge: Knowledge) -> list[Derived]:
+    """Sums of laws of which the runs do not determine how they are split among their places, as of both anti-roll bars
+    without wheel loads and without a road that twists the car; the sensor sheet is in both intervals."""
+    out: list[Derived] = []
+    for one in sums_of_places(fitted, knowledge):
+        if one.inseparable:
+            which = tuple(i for i, name in enumerate(knowledge.names) if name in one.members)
+            why = None if one.determined else knowledge.open_parameters(which)
+            out.append(Derived(one.name, one.value, one.unit, one.half, one.half, one.determined, why))
     return out
-
-
-_BARS = ("anti_roll_bar.front.k", "anti_roll_bar.rear.k")
-
-
-def sum_of_bars(fitted: Fit, knowledge: Knowledge) -> list[Derived]:
-    """Front and rear anti-roll bar together, with the sensor sheet in the interval; none where the model has not both.
-
-    Without wheel loads the two differ only where the road twists the car: their sum is known better than each.
-    """
-    if not all(name in knowledge.names for name in _BARS):
-        return []
-    slope = np.array([1.0 if name in _BARS else 0.0 for name in knowledge.names])
-    p = slope.size
-    variance = slope @ (knowledge.covariance + fitted.covariance_sheet[:p, :p]) @ slope
-    value, half = float(slope @ fitted.physics), TWO_SIDED_95 * float(np.sqrt(variance))
-    determined = half <= WIDE * abs(value)
-    which = () if determined else knowledge.responsible(np.outer(slope, slope), (WIDE * value / TWO_SIDED_95) ** 2)
-    why = None if determined else knowledge.open_parameters(which)
-    return [Derived("anti_roll_bars.k", value, "N/m", half, half, determined, why)]
 
 
 def _values(x: Array, vehicle: Vehicle) -> tuple[list[str], list[str], Array]:

@@ -11,6 +11,7 @@ import numpy as np
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.properties.sums_of_places import SumOfPlaces
 from lacet.identify.regression.prepared_run import Unmeasured
 from lacet.identify.selection.settings import SELECTION
 
@@ -84,6 +85,7 @@ class Candidate:
     lacks : channels that it needs and a run lacks, where it cannot be computed.
     values : estimates of its parameters [SI], and `interval`, half of their 95 % intervals (independent residuals).
     ties : candidates that could be in its place on these runs (not rejected by Cox's test), with their correlation.
+    total : sum of its size and those of the same law at other places, where these runs show only that; else None.
     margin : weighted squares that an effect found explains more than its best `rival` in its place; None without one.
     block_gain : (B,) fall of the weighted squares in each block.
 
@@ -114,6 +116,7 @@ class Candidate:
     values: tuple[float, ...] = ()
     interval: tuple[float, ...] = ()
     ties: tuple[tuple[str, float], ...] = ()
+    total: SumOfPlaces | None = None
     margin: float | None = None
     rival: str = ""
     block_gain: Array = field(default_factory=lambda: np.zeros(0), repr=False)

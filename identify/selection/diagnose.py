@@ -25,6 +25,7 @@ from lacet.identify.selection.columns.linearisation import Linearisation, sheet_
 from lacet.identify.selection.columns.ranked_runs import LocalRuns, RankedRuns
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise
 from lacet.identify.selection.joint.alternatives import Alternative, alternatives, confidence_set
+from lacet.identify.selection.joint.inseparable import with_inseparable
 from lacet.identify.selection.joint.refits import (
     Joint,
     beside_of,
@@ -34,9 +35,11 @@ from lacet.identify.selection.joint.refits import (
     not_part_of_the_rest,
     only_plausible,
     only_standing,
+    started_with,
     without_denied_faults,
 )
 from lacet.identify.selection.joint.shape_constants import refined
+from lacet.identify.selection.joint.starts import starts
 from lacet.identify.selection.joint.subset_search import strength
 from lacet.identify.selection.laws.formulas import Formula, propose
 from lacet.identify.selection.relinearisation import relinearise, relinearised_columns
@@ -154,7 +157,7 @@ def diagnose_runs(
     columns = relinearised_columns(Linearisation.of_runs(runs, floor), candidates, seed, progress)
     joint = found_together(ScoreTests(columns, noise, progress), seed, progress)
     first = joint.first
-    joint, rest = _settled(joint, seed, progress)
+    joint, rest = _of_another_start(*_settled(joint, seed, progress), seed, progress)
     if runs.refittable is None:
         found = _one(joint, progress)
     else:
@@ -189,6 +192,23 @@ def _settled(joint: Joint, seed: int, progress: Progress) -> tuple[Joint, Rest]:
     possible = only_plausible(joint, seed, progress)
     rest = rest if possible is joint else Rest.of(possible.space, possible.laws)
     return not_part_of_the_rest(possible, rest, seed, progress)
+
+
+def _of_another_start(joint: Joint, rest: Rest, seed: int, progress: Progress) -> tuple[Joint, Rest]:
+    """The same; where the sheet would have to be wrong, effects with which it is not, nor anything else remains.
+
+    Where the sheet's tolerances, far off, do much of what is missing, they predict it in cross-validation as well as
+    its cause does, and a search begins with another effect or none. So others begin with effects that are significant.
+    """
+    if joint.base is None or rest.unlisted or not rest.sheet.tolerance_exceeded:
+        return joint, rest
+    for effect in starts(joint):
+        other = started_with(joint, effect, seed, progress)
+        if other.effects:
+            other, remains = _settled(other, seed, progress)
+            if other.effects and not remains.unlisted and not remains.sheet.tolerance_exceeded:
+                return other, remains
+    return joint, rest
 
 
 def _in_doubt(joint: Joint, rest: Rest) -> bool:
@@ -291,6 +311,8 @@ def _concluded(
     if exceeded:
         found = []
     found = sorted(found, key=lambda c: -force.get(c.key, 0.0))
+    if judged_rest:
+        joint, found = _with_sums(joint, found, seed, progress)
     acting = frozenset[Row]().union(*(c.rows for c in found)) if found else frozenset[Row]()
     own = [row for row in now.above if row in acting] or list(now.above)
     excess = now.excess(own)
@@ -313,6 +335,28 @@ def _concluded(
     if not found or not judged_rest or not_constant or tied:
         return diagnosis
     return replace(diagnosis, after=_after(joint, rest, candidates, seed, progress))
+
+
+def _with_sums(
+    joint: Joint, found: Sequence[Candidate], seed: int, progress: Progress
+) -> tuple[Joint, Sequence[Candidate]]:
+    """The effects found with the same laws at places that these runs do not distinguish, and the fit with them all."""
+    joint, sums = with_inseparable(joint, [c.key for c in found], seed, progress)
+    out: list[Candidate] = []
+    for c in found:
+        members = sums[c.key].keys if c.key in sums else (c.key,)
+        for key in members:
+            if key in {one.key for one in out}:
+                continue
+            if key not in sums:
+                out.append(c)
+                continue
+            effect = next(one for one in joint.effects if one.key == key)
+            own = _as_found(joint, effect, joint.first.draws)
+            # In the place of a part of a sum, whose own size is open, anything could be.
+            ties = tuple(tie for tie in c.ties if tie[0] not in members)
+            out.append(replace(own, total=sums[key], ties=ties, margin=None, rival=""))
+    return joint, out
 
 
 def _after(joint: Joint, rest: Rest, candidates: Mapping[str, Effect], seed: int, progress: Progress) -> Diagnosis:

@@ -36,6 +36,9 @@ class SelectionSettings:
     """Effects selected together before a fit with them [count]. Source: processor time."""
     most_refits: int = 4
     """Fits with all effects found so far, each with a new noise floor and search [count]. Source: processor time."""
+    most_starts: int = 3
+    """Searches in all, where with what is found the sheet would have to be wrong, each of the others beginning with
+    another significant effect [count]. Source: processor time."""
     least_gain: float = 0.01
     """Part of the weighted residual of the rows a candidate acts on, or of one of them, that it must take away [share].
     Source: method section 6, step 7; docs/decisions/ranking.md, "A gain of 1 %"."""

@@ -58,12 +58,14 @@ _DERIVED = {
     "static_share.front": ("weight on the front wheels", ""),
     "static_share.left": ("weight on the left wheels", ""),
     "static_share.cross": ("weight on front left and rear right", ""),
-    "anti_roll_bars.k": ("both anti-roll bars together", "kb"),
 }
 
 
 def derived_name(name: str) -> tuple[str, str]:
     """A derived value in plain words without its place, and its symbol or formula (``docs/derived.md``)."""
+    family, summed, _ = name.partition(".sum.")
+    if summed:
+        return f"{_FAMILIES.get(family, effect_label(family))}, sum of all places", "Σ"
     kind = name if name in _DERIVED else name.partition(".")[0]
     return _DERIVED.get(kind, (name.replace("_", " ").replace(".", ", "), ""))
 

@@ -38,9 +38,12 @@ def verdict_card(diagnosis: Mapping[str, Any], effects: Mapping[str, Effect]) ->
     untestable = [c["effect"] for c in candidates if c["answer"] == Answer.NOT_TESTABLE]
     best = found[0] if found else None
     if best is not None:
-        more = f", and {len(found) - 1} more" if len(found) > 1 else ""
-        title = f"Missing: {effect_label(best['effect'])}{more}"
-        lines = [("interval", _size(best, effects.get(best["effect"]))), ("lead", _lead(best))]
+        alike = _alike(best)
+        others = len(found) - len(alike)
+        more = f", and {others} more" if others else ""
+        title = f"Missing: {effect_label(best['effect'])}{_and(alike[1:])}{more}"
+        size = _sum(best["sum"]) if best.get("sum") else _size(best, effects.get(best["effect"]))
+        lines = [("interval", size), ("lead", _lead(best))]
         if diagnosis["unlisted_rows"]:
             lines.append(("", f"Beside it something unlisted remains in {_rows(diagnosis['unlisted_rows'])}"))
     elif diagnosis["verdict"] == "nothing missing":
@@ -92,6 +95,22 @@ def _found(diagnosis: Mapping[str, Any]) -> list[str]:
     """Keys of the effects found; of lacet versions that stored the best alone, that."""
     best = diagnosis.get("best")
     return list(diagnosis.get("found") or ([best] if best else []))
+
+
+def _alike(c: Mapping[str, Any]) -> list[str]:
+    """Keys of the effects of which only the sum with this one is known, itself the first; itself without any."""
+    keys: list[str] = (c.get("sum") or {}).get("effects", [])
+    return [c["effect"], *(key for key in keys if key != c["effect"])]
+
+
+def _and(keys: Sequence[str]) -> str:
+    return "".join(f" + {key.partition('.')[2]}" for key in keys)
+
+
+def _sum(total: Mapping[str, Any]) -> str:
+    """The sum of a law's sizes over places that the runs do not distinguish."""
+    value = f"{rounded(total['value'], total['half95_sheet'])} ± {two_digits(total['half95_sheet'])} {total['unit']}"
+    return f"{total['parameter']} summed = {value} (95 %, with sheet); a rough road would show the split"
 
 
 def _size(c: Mapping[str, Any], effect: Effect | None) -> str:

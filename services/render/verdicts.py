@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from lacet.identify.effects.base import Effect, Implausible, Parameter
+from lacet.identify.properties.sums_of_places import SumOfPlaces
 from lacet.identify.selection.candidate import Answer, Candidate, Reason, is_significant
 from lacet.identify.selection.chow_test import ParameterConstancy
 from lacet.identify.selection.diagnose import Diagnosis, Grounds
@@ -32,6 +33,8 @@ def says(d: Diagnosis) -> str:
 def why(d: Diagnosis, c: Candidate) -> str:
     """The reason of a candidate's answer, in plain sentences with numbers."""
     found = next((one for one in d.found if one.key == c.key), None)
+    if found is not None and c.total is not None:
+        return f"{_takes(c)} {_sentence(_as_one(c.total))}; {_chance(c, False, d.draws)}.{_rivals(c)}"
     if found is not None:
         return f"{reason_text(c, d.effects.get(c.key), d.draws)}{_rivals(c)}"
     text = reason_text(c, d.effects.get(c.key), d.draws)
@@ -169,6 +172,8 @@ def _takes(c: Candidate) -> str:
             f"Added to the model it takes {c.gain_rms:.3g} {unit_of(c)} RMS off {_listed(c.rows)} "
             f"({100 * c.gain:.3g} % of what they leave) in parts of the runs it was not fitted to."
         )
+    if c.answer is Answer.MISSING:
+        return "Without it these runs fit only if the sensor sheet is wrong."
     return f"Added to the model it takes nothing off {_listed(c.rows)} in parts of the runs it was not fitted to."
 
 
@@ -201,18 +206,41 @@ def _missing(d: Diagnosis) -> str:
     return f"{c.key} is missing. {why(d, c)}"
 
 
+def _as_one(total: SumOfPlaces) -> str:
+    """The sum of a law's sizes at places that the runs do not distinguish, and what would."""
+    value = f"{rounded(total.value, total.half)} ± {two_digits(total.half)} {total.unit}"
+    return (
+        f"the sum of {total.parameter} over {' and '.join(total.keys)} is {value} (95 %), and these runs do not show "
+        f"how it is split; a rough road or kerbs would, where each wheel moves by itself"
+    )
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _each(d: Diagnosis) -> str:
+    """Sizes of the effects found; of those that are known as a sum, the sum once."""
+    parts = [f"{c.key}: {sizes(c, d.effects[c.key].parameters)}" for c in d.found if c.total is None]
+    sums = dict.fromkeys(c.total for c in d.found if c.total is not None)
+    return "; ".join([*parts, *(_as_one(total) for total in sums)])
+
+
 def _several(d: Diagnosis) -> str:
     *first, last = [c.key for c in d.found]
-    each = "; ".join(f"{c.key}: {sizes(c, d.effects[c.key].parameters)}" for c in d.found)
+    each = _each(d)
     share = f" they explain {100 * d.explained:.0f} % of what is above the noise floor in {_listed(d.failing)}"
     tied = "".join(
         f" {c.key} cannot be told apart from {', '.join(key for key, _ in c.ties)} on these runs."
         for c in d.found
         if c.ties
     )
+    whole = all(c.total is not None and len(c.total.keys) == len(d.found) for c in d.found)
+    as_one = " as one, or one of them" if whole else ""
+    together = f": added together{share}" if d.failing else ""
     return (
-        f"{', '.join(first)} and {last} are missing{f': added together{share}' if d.failing else ''}. Their sizes, "
-        f"from a fit with all of them (95 %, tolerances of the sensors included): {each}.{tied}"
+        f"{', '.join(first)} and {last} are missing{as_one}{together}. Their sizes, from "
+        f"a fit with all of them (95 %, tolerances of the sensors included): {each}.{tied}"
     )
 
 

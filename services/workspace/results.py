@@ -10,6 +10,7 @@ from lacet.daq.formats.result import plain
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.consistent_fit import Consistency, ConsistentFit
 from lacet.identify.properties.derived import damper_curves, derived_values, ranges
+from lacet.identify.properties.sums_of_places import SumOfPlaces
 from lacet.identify.properties.whole_vehicle import NAMES, UNITS, WholeVehicle, whole_vehicle
 from lacet.identify.regression.sums.linear_fit import FittedModel
 from lacet.identify.regression.wls import Fit
@@ -141,10 +142,19 @@ def candidate_result(d: Diagnosis, c: Candidate) -> dict[str, Any]:
         "drop": c.drop,
         "absorbed": [{"by": name, "share": share} for name, share in c.absorbed],
         "ties": [{"effect": key, "correlation": r} for key, r in c.ties],
+        "sum": None if c.total is None else sum_result(c.total),
         "stands_for": c.stands_for,
         "margin": c.margin,
         "rival": c.rival,
     }
+
+
+def sum_result(total: SumOfPlaces) -> dict[str, Any]:
+    """The sum of a law's sizes over places as plain data."""
+    return {
+        "effects": list(total.keys), "parameter": total.parameter, "unit": total.unit, "value": total.value,
+        "half95_sheet": total.half,
+    }  # fmt: skip
 
 
 def diagnosis_result(d: Diagnosis) -> dict[str, Any]:

@@ -181,6 +181,8 @@ class Session:
             expected = min(len(diagnosis.found), most - len(changes))
             self._announce(StudyPlan(self.values).search(self.study.version(), expected))
             for found in diagnosis.found[: most - len(changes)]:
+                if found.key in self.study.version().effects:
+                    continue  # added with another of which it is known as a sum
                 before = self.study.version()
                 after = self.add(found.key, found.shape)
                 changes.append(change_result(found.key, before.result["rows"], after.result["rows"]))
@@ -190,7 +192,8 @@ class Session:
         """Add an effect to the current version, with these shape constants.
 
         Without them they are those of the version's diagnosis, or where there is none, those at which the effect
-        explains most on the runs used.
+        explains most on the runs used. With an effect of which that diagnosis knows the sum with others, these are
+        added as well.
         """
         version = self.study.version()
         if key in version.effects:
@@ -203,7 +206,10 @@ class Session:
             with one_thread():
                 fitted, floor = self.values.fitted(version), self.values.floor(version)
                 (effect,) = constants_by_runs(fitted, floor, [effect], self.progress)
-        return self.record({**version.effects, key: {**effect.shape, **(shape or {})}}, f"added {key}")
+        found = next((c for c in (self.study.diagnosis() or {}).get("candidates", []) if c["effect"] == key), {})
+        together = (found.get("sum") or {}).get("effects", [key])
+        shapes = {one: {**effect.shape, **(shape or {})} for one in together}
+        return self.record({**version.effects, **shapes}, f"added {' and '.join(together)}")
 
     def remove(self, key: str) -> Version:
         """Remove an effect: a new version without it. Raises UsageError when it is not in the model."""

@@ -96,6 +96,14 @@ def found_together(first: ScoreTests, seed: int, progress: Progress = silent) ->
     return joint if base is None else continued(joint, seed, progress)
 
 
+def started_with(joint: Joint, effect: Effect, seed: int, progress: Progress = silent) -> Joint:
+    """The effects found by a search that begins with `effect` in the fit; none where it does not stand in that."""
+    first, base = joint.first, joint.first.linearisation.runs.refittable
+    begun = Joint(first, joint.alone, first, joint.alone, (), added_laws(first), base=base, added=(effect,))
+    begun = _fitted(begun, seed, progress)
+    return continued(begun, seed, progress) if begun.effects else begun
+
+
 def continued(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
     """The same with what is found beside the effects found before."""
     for _ in range(SELECTION.most_refits):
@@ -289,6 +297,14 @@ def _dropping(joint: Joint, keys: Collection[str], progress: Progress) -> Joint:
     less = _less(joint, keys)
     progress(Step(Stage.FIT_WITH_EFFECTS, subject=", ".join(less.keys)))
     return replace(less, dropped=less.dropped | set(keys))
+
+
+def with_further(joint: Joint, effects: Sequence[Effect], seed: int, progress: Progress = silent) -> Joint:
+    """The same with further effects, fitted together, and the score tests of all others beside them."""
+    added = (*joint.added, *effects)
+    progress(Step(Stage.FIT_WITH_EFFECTS, subject=", ".join(effect.key for effect in added)))
+    joint = replace(joint, added=added, effects=(*joint.effects, *effects))
+    return beside_of(joint, _tests_of(joint, joint.fit, (), seed, progress), progress)
 
 
 def _less(joint: Joint, keys: Collection[str]) -> Joint:

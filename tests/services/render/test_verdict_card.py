@@ -53,6 +53,16 @@ def test_an_effect_with_its_size_its_lead_and_the_next_three():
     assert (card["add"], card["label"]) == ("anti_roll_bar.front", "anti-roll bar, front")
 
 
+def test_a_law_at_places_that_runs_do_not_part_is_one_title_with_its_sum():
+    total = {"effects": ["anti_roll_bar.front", "anti_roll_bar.rear"], "parameter": "k", "unit": "N/m",
+             "value": 20312.4, "half95_sheet": 2114.7}  # fmt: skip
+    bars = [candidate(key, "missing", values=[10000.0], half95=[40000.0], sum=total) for key in total["effects"]]
+    card = verdict_card(diagnosis("missing", *bars, candidate("coulomb.rear", "missing")), EFFECTS)
+    assert card["title"] == "Missing: anti-roll bar, front + rear, and 1 more"
+    assert texts(card) == ["k summed = 20312 ± 2100 N/m (95 %, with sheet); a rough road would show the split"]
+    assert words_of(card) <= MOST_WORDS
+
+
 def test_an_effect_that_is_not_told_apart_has_no_lead():
     tied = {**BAR, "ties": [{"effect": "sensor_gain.hub.fl", "correlation": 0.99}]}
     card = verdict_card(diagnosis("missing", tied, candidate("sensor_gain.hub.fl", "undecided")), EFFECTS)

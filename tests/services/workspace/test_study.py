@@ -162,3 +162,6 @@ def test_a_users_own_effect_is_found_ranked_added_and_taken_out(tmp_path: Path, 
     assert session.remove("roll_stop.front").effects == {}
     with pytest.raises(UsageError, match="was not added"):
         session.remove("roll_stop.front")
+    as_one = {"effects": ["roll_stop.front", "roll_stop.rear"]}
+    session.study.record_diagnosis({"candidates": [{"effect": "roll_stop.front", "shape": {}, "sum": as_one}]})
+    assert list(session.add("roll_stop.front").effects) == as_one["effects"]
