@@ -6,20 +6,25 @@ Each second car drives a sinus, a rough road and drive with lift-off, and a road
 (kept in the folder). The base model is fitted with the joint tables of a bench in the vehicle file, with the table of
 its bump test and without any, then with both anti-roll bars added, which the mechanism has and the base model lacks,
 then with damping across the rear axle and with a front wheel rate that rises with travel. Printed: error ÷ noise floor
-of each row, parameters beside the mechanism's, and the terms of the suspension rows that the model has no place for,
-from the noise-free motion.
+of each row, parameters beside the mechanism's, the terms of the suspension rows that the model has no place for, from
+the noise-free motion, and what fits to runs without noise leave, in noise floors of runs with noise.
 """
 
 from __future__ import annotations
 
 import argparse
 import functools
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 import lacet
 from lacet.daq.channels import CORNERS
+from lacet.identify.effects.base import PhysicalEffect
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.services.commands.__main__ import main as command
 from lacet.services.render.tables import table
 from lacet.simulate import make_manoeuvre, run
@@ -38,16 +43,20 @@ ADDED = {
 }
 """Effects added to the base model, one step after the other: the mechanism has them all."""
 RIG = "peugeot-406"
+MOUNTED = {"damper_mount.front": 0.0074, "damper_mount.rear": 0.0055}
+"""Damping ÷ stiffness of the dampers' mounts [s]."""
+BEYOND = ("spring_quadratic.rear", "damper_stroke.front", "damper_stroke.rear")
+"""Further effects of runs without noise: wheel rates and ratios of levers that change with the travel."""
 TABLES = ("joints", "bump", "none")
 SETTINGS = ("duration=12", "sinus.amplitude=0.03")
 
 
-def drive(car: str, folder: Path) -> None:
-    """Simulate the runs of a car into the folder, if they are not there."""
+def drive(car: str, folder: Path, *more: str) -> None:
+    """Simulate the runs of a car into the folder, if they are not there; `more` arguments of the command."""
     if (folder / f"{HELD}.parquet").exists():
         return
     words = ["simulate", "--rig", RIG, "--car", car, "--seed", "5", "--format", "parquet", "--force", "-o", str(folder)]
-    words += [word for name in (*USED, HELD) for word in ("--manoeuvre", name)]
+    words += [*more, *(word for name in (*USED, HELD) for word in ("--manoeuvre", name))]
     words += [word for setting in SETTINGS for word in ("--set", setting)]
     if command(words):
         raise SystemExit(f"{car}: not simulated")
@@ -55,14 +64,9 @@ def drive(car: str, folder: Path) -> None:
 
 def with_tables(text: str, tables: str) -> str:
     """The vehicle file of a car with these of its tables only: joints, those of the bump test, or none."""
-    unwanted = {"joints": (), "bump": (".joints.",), "none": (".joints.", ".kinematics]")}[tables]
-    out, skip = [], False
-    for line in text.splitlines():
-        if line.startswith("["):
-            skip = any(part in line for part in unwanted)
-        if not skip:
-            out.append(line)
-    return "\n".join(out) + "\n"
+    for part in {"joints": (), "bump": (".joints.",), "none": (".joints.", ".kinematics]")}[tables]:
+        text = _without(text, part)
+    return text
 
 
 def fits(car: str, folder: Path, tables: str) -> None:
@@ -88,6 +92,66 @@ def fits(car: str, folder: Path, tables: str) -> None:
     print(table(["row", *ratios], lines))
     for name, fitted in steps.items():
         print(f"\n{car}, tables: {tables}, {name}\n{fitted.summary()}")
+
+
+def noise_free(car: str, folder: Path) -> None:
+    """Fit runs without noise by plain least squares, weighted by the floors of runs with it, and print what is left.
+
+    With the joints of the vehicle file, and without their compliance.
+    """
+    drive(car, folder)
+    still = folder / "noise-free"
+    drive(car, still, "--no-noise", "--no-zeros")
+    text = (still / f"{car}.toml").read_text(encoding="utf-8")
+    floors: dict[str, float] = {}
+    for tables in ("joints", "joints without compliance"):
+        vehicle = still / f"{tables.replace(' ', '-')}.toml"
+        vehicle.write_text(text if tables == "joints" else _without(text, ".compliance."), encoding="utf-8")
+        files = {"rig": RIG, "vehicle": vehicle}
+        if not floors:
+            noisy = lacet.load_runs(*(folder / f"{name}.parquet" for name in USED), **files)
+            scores = lacet.compare(lacet.fit(lacet.base_model(noisy), noisy)).runs[USED[0]].scores
+            floors = {row: score.floor for row, score in scores.items()}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # channels that hardly vary count as dead where nothing else is noisy
+            runs = lacet.load_runs(*(still / f"{name}.parquet" for name in (*USED, HELD)), **files)
+        known = lacet.catalogue(runs)
+        effects = [*lacet.base_model(runs).physics, *(known[key] for step in ADDED.values() for key in step)]
+        effects += [known[key] for key in BEYOND]
+        effects += [replace(known[key], shape={**known[key].shape, "T": T}) for key, T in MOUNTED.items()]
+        values, left = _plain_fit(runs.prepared, effects, floors)
+        lines = [[row, *(f"{part[row]:.2f}" for part in left.values())] for row in left[USED[0]]]
+        print(f"\n{car}, no noise, {tables}: error ÷ floor of noise")
+        print(table(["row", *left], lines))
+        names = [parameter.name for effect in effects for parameter in effect.parameters]
+        wanted = ("spring", "anti_roll_bar", "damper.", "axle_damping", "tyre_stiffness")
+        print(", ".join(f"{k} {v:.5g}" for k, v in zip(names, values, strict=True) if k.startswith(wanted)))
+
+
+def _without(text: str, part: str) -> str:
+    """A vehicle file without the tables that have this in their names."""
+    out, skip = [], False
+    for line in text.splitlines():
+        if line.startswith("["):
+            skip = part in line
+        if not skip:
+            out.append(line)
+    return "\n".join(out) + "\n"
+
+
+def _plain_fit(
+    prepared: Sequence[PreparedRun], effects: Sequence[PhysicalEffect], floors: Mapping[str, float]
+) -> tuple[np.ndarray, dict[str, dict[str, float]]]:
+    """Least squares of the runs used: parameter values, and run → row → root mean square of the error ÷ floor."""
+    parts = {(run.name, row): (run.matrix(effects, row), run.measured[row]) for run in prepared for row in run.rows}
+    used = [(W / floors[row], y / floors[row]) for (name, row), (W, y) in parts.items() if name in USED]
+    A, b = (np.concatenate(each) for each in zip(*used, strict=True))
+    size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    values = np.linalg.lstsq(A / size, b, rcond=1e-7)[0] / size
+    left: dict[str, dict[str, float]] = {}
+    for (name, row), (W, y) in parts.items():
+        left.setdefault(name, {})[row] = float(np.sqrt(np.mean((y - W @ values) ** 2))) / floors[row]
+    return values, left
 
 
 def damping(values: DesignValues, car: SecondCar) -> np.ndarray:
@@ -143,14 +207,16 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, required=True, help="for the runs")
     parser.add_argument("--car", action="append", choices=CARS, help="default: all")
     parser.add_argument("--table", action="append", choices=TABLES, help="bench tables of the fits; default: each")
-    parser.add_argument("--only", choices=("fits", "terms"), help="one part")
+    parser.add_argument("--only", choices=("fits", "terms", "noise-free"), help="one part")
     args = parser.parse_args()
     for car in args.car or CARS:
-        if args.only != "terms":
+        if args.only in (None, "fits"):
             drive(car, args.folder / car)
             for tables in args.table or TABLES:
                 fits(car, args.folder / car, tables)
-        if args.only != "fits":
+        if args.only in (None, "noise-free"):
+            noise_free(car, args.folder / car)
+        if args.only in (None, "terms"):
             for name, settings in (("sinus", {"amplitude": 0.03}), ("rough", {})):
                 motion = run(SecondCar.named(car), make_manoeuvre(name, duration=4.0, **settings), seed=5, settle=1.0)
                 lines = [[term, *(f"{v:.0f}" for v in values)] for term, values in missing(car, motion).items()]

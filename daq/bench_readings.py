@@ -36,7 +36,7 @@ SOURCE = {"half_track": "y", "half_wheelbase": "x", "toe": "toe", "camber": "cam
 """Reading that a joint is."""
 QUANTITIES = {
     "travel": "m", "x": "m", "y": "m", "z": "m", "toe": "rad", "camber": "rad", "spin": "rad", "fx": "N", "fy": "N",
-    "mz": "N·m",
+    "mz": "N·m", "traction": "N",
 }  # fmt: skip
 """Readings of each wheel with their SI units; docs/bench.md has their signs."""
 NEEDED = ("travel", "x", "y", "toe", "camber", "spin")
@@ -45,7 +45,7 @@ COLUMNS: dict[str, str] = {"rack": "m", **{f"{q}.{c}": unit for c in CORNERS for
 
 MOVED = {"travel": 5e-4, "rack": 5e-4}
 """What counts as moved [m]: readings of what is held scatter by less."""
-LOADED = {"fx": 25.0, "fy": 25.0, "mz": 5.0}
+LOADED = {"fx": 25.0, "fy": 25.0, "mz": 5.0, "traction": 25.0}
 """What counts as loaded [N, N·m]: such rows are of compliance and not of kinematics."""
 CLEAR = {"m": 1e-3, "rad": np.radians(0.1)}
 """Change of a joint over a test from which its sign is judged."""
@@ -217,6 +217,8 @@ def sign_faults(bench: BenchReadings) -> list[str]:
 def joint_tables(bench: BenchReadings) -> dict[str, JointTables]:
     """Joint tables of every corner: curves from rows where one variable moved, mixed errors from all others.
 
+    Without the compliance, which `bench_compliance` has.
+
     Raises BenchError naming the corners whose own travel was not measured alone.
     """
     out: dict[str, JointTables] = {}
@@ -235,7 +237,6 @@ def joint_tables(bench: BenchReadings) -> dict[str, JointTables]:
         table = JointTables(curves[0], curves[1], curves[2], {})
         middle = values[bench.free & ~np.any(moves, axis=0)]
         several = bench.free & (np.sum(moves, axis=0) > 1)
-        mixed: dict[str, float] = {}
         if np.any(several) and len(middle):
             inside = several.copy()
             for curve, x in zip(curves, (own, other, rack), strict=True):
@@ -244,12 +245,25 @@ def joint_tables(bench: BenchReadings) -> dict[str, JointTables]:
                 else:
                     inside &= (x >= curve.at[0] - MOVED["travel"]) & (x <= curve.at[-1] + MOVED["travel"])
             if np.any(inside):
-                error = values[inside] - middle.mean(axis=0) - table.at(own[inside], other[inside], rack[inside])
-                mixed = dict(zip(JOINTS, np.max(np.abs(error), axis=0).tolist(), strict=True))
-        out[corner] = replace(table, mixed=mixed)
+                table = _with_mixed(table, values - middle.mean(axis=0), inside, inside & ~moves[2], own, other, rack)
+        out[corner] = table
     if faults:
         raise BenchError(", ".join(bench.files), faults)
     return out
+
+
+def _with_mixed(
+    table: JointTables, changes: Array, rows: NDArray[np.bool_], both: NDArray[np.bool_], own: Array, other: Array,
+    rack: Array,
+) -> JointTables:  # fmt: skip
+    """Joint tables with the product of the travels, from rows with `both` moved, and the error that then remains."""
+    error = changes - table.at(own, other, rack)
+    square = (own * other)[both]
+    if np.any(square):
+        table = replace(table, product=square @ error[both] / (square @ square))
+        error = changes - table.at(own, other, rack)
+    largest = np.max(np.abs(error[rows]), axis=0)
+    return replace(table, mixed=dict(zip(JOINTS, largest.tolist(), strict=True)))
 
 
 def _curve(x: Array, values: Array) -> JointCurve | None:

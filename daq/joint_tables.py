@@ -1,31 +1,32 @@
 """Joints of a wheel's suspension as T(s_own, s_other, rack): bench tables of one corner, and how they are put together.
 
-T is the additive one: T(s, s', r) = own(s) + other(s') + rack(r), each 0 at 0, s the wheel's own travel, s' that of the
-other wheel of the axle [m, compression positive], r the rack [m, to the left positive]. What a bench measured beside
-these lines (both wheels moved, or a wheel and the rack) gives the error of the mixed terms that T leaves away.
+T(s, s', r) = own(s) + other(s') + rack(r) + product s s', each 0 at 0, s the wheel's own travel, s' that of the other
+wheel of the axle [m, compression positive], r the rack [m, to the left positive]. The product is the first mixed term,
+which a bench gives that moves both wheels of an axle. What it measured beside T is the error of mixed terms left away.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.daq.compliance import JOINTS, Compliance, compliance_lines, read_compliance
 from lacet.daq.toml_reader import Reader
 
 Array = NDArray[np.float64]
 
-JOINTS: dict[str, str] = {"half_track": "m", "half_wheelbase": "m", "toe": "rad", "camber": "rad", "pitch": "rad"}
-"""Joints of a wheel with their SI units; signs as in the vehicle file's ``kinematics`` (docs/vehicle.md)."""
 PLACE: dict[str, int] = {name: i for i, name in enumerate(JOINTS)}
 """Places of the joints in a table's columns."""
 TOE = PLACE["toe"]
 STEERED = np.radians(1.0)
 """Change of toe along the rack's curve above which the rack steers the wheel [rad]: a bench reads to 0.003°."""
+PRODUCT: dict[str, str] = {name: "1/m" if unit == "m" else "rad/m²" for name, unit in JOINTS.items()}
+"""SI unit of each joint's change per product of both travels."""
 CURVES: dict[str, str] = {"own": "travel", "other": "travel", "rack": "rack"}
 """The three curves of a table, and what each is against."""
 
@@ -65,18 +66,22 @@ class JointTables:
     """Joint tables of one corner.
 
     `own`, `other`, `rack` : the curves, None where there is none; `mixed` : largest difference between what a bench
-    measured with several variables moved and the additive T, by joint [m, rad]; empty where none was measured.
+    measured with several variables moved and T, by joint [m, rad]; empty where none was measured; `product` : (5,) of
+    `JOINTS`, in the units of `PRODUCT`; `compliance` : what loads change, None where no bench loaded the wheels.
     """
 
     own: JointCurve
     other: JointCurve | None
     rack: JointCurve | None
     mixed: Mapping[str, float]
+    compliance: Compliance | None = None
+    product: Array = field(default_factory=lambda: np.zeros(len(JOINTS)))
 
     @property
     def follows_other(self) -> bool:
         """Whether the wheel moves or turns with the travel of the axle's other wheel."""
-        return self.other is not None and bool(np.any(np.diff(self.other.values, axis=0)))
+        moved = self.other is not None and bool(np.any(np.diff(self.other.values, axis=0)))
+        return moved or bool(np.any(self.product))
 
     @property
     def steered(self) -> bool:
@@ -85,7 +90,7 @@ class JointTables:
 
     def at(self, own: Array, other: Array, rack: Array) -> Array:
         """(…, 5) changes of the joints from the design position, in the order of `JOINTS` [m, rad]."""
-        out = self.own.value(own)
+        out = self.own.value(own) + self.product * (np.asarray(own) * other)[..., None]
         for curve, x in ((self.other, other), (self.rack, rack)):
             if curve is not None:
                 out = out + curve.value(x)
@@ -96,7 +101,7 @@ def read_joints(reader: Reader, rows: dict[str, Any], place: str) -> JointTables
     """The ``joints`` of a corner of a vehicle file; faults go to the reader."""
     if not rows:
         return None
-    reader.known(rows, (*CURVES, "mixed"), place)
+    reader.known(rows, (*CURVES, "mixed", "product", "compliance"), place)
     curves = {name: _curve(reader, reader.table(rows, name, place), f"{place}.{name}", name) for name in CURVES}
     own = curves["own"]
     if own is None:
@@ -107,12 +112,21 @@ def read_joints(reader: Reader, rows: dict[str, Any], place: str) -> JointTables
     if rack is not None and np.ptp(rack.values[:, TOE]) > STEERED and np.ptp(np.sign(np.diff(rack.values[:, TOE]))):
         reader.fault(f"{place}.rack.toe", "must rise, or fall, all along: the steer of the wheel gives the rack")
         return None
-    errors = reader.table(rows, "mixed", place)
-    reader.known(errors, JOINTS, f"{place}.mixed")
-    found = {key: reader.quantity(errors, key, f"{place}.mixed", unit) for key, unit in JOINTS.items() if key in errors}
+    product = _numbers(reader, rows, "product", PRODUCT, place)
     return JointTables(
-        own, curves["other"], curves["rack"], {k: abs(q.value) for k, q in found.items() if q is not None}
-    )
+        own, curves["other"], curves["rack"],
+        {name: abs(error) for name, error in _numbers(reader, rows, "mixed", JOINTS, place).items()},
+        read_compliance(reader, reader.table(rows, "compliance", place), f"{place}.compliance"),
+        np.array([product.get(name, 0.0) for name in JOINTS]),
+    )  # fmt: skip
+
+
+def _numbers(reader: Reader, rows: dict[str, Any], key: str, units: Mapping[str, str], place: str) -> dict[str, float]:
+    """The numbers of a table by joint, those that it has."""
+    table = reader.table(rows, key, place)
+    reader.known(table, units, f"{place}.{key}")
+    found = {name: reader.quantity(table, name, f"{place}.{key}", unit) for name, unit in units.items()}
+    return {name: one.value for name, one in found.items() if one is not None}
 
 
 def _curve(reader: Reader, rows: dict[str, Any], place: str, name: str) -> JointCurve | None:
@@ -155,9 +169,15 @@ def joints_text(tables: Mapping[str, JointTables], source: str) -> str:
             for key, (values, unit) in columns.items():
                 numbers, written = shown(values, unit)
                 lines.append(f'{key} = {{ value = {numbers}, unit = "{written}", source = "{quoted}" }}')
+        if np.any(table.product):
+            lines += ["", f"[corner.{corner}.joints.product]"]
+            for (key, unit), factor in zip(PRODUCT.items(), table.product.tolist(), strict=True):
+                lines.append(f'{key} = {{ value = {round(factor, 6) + 0.0}, unit = "{unit}", source = "{quoted}" }}')
         if table.mixed:
             lines += ["", f"[corner.{corner}.joints.mixed]"]
             for key, error in table.mixed.items():
                 (number,), written = shown(np.array([error]), JOINTS[key])
                 lines.append(f'{key} = {{ value = {number}, unit = "{written}", source = "{quoted}" }}')
+        if table.compliance is not None:
+            lines += compliance_lines(table.compliance, f"corner.{corner}.joints", quoted)
     return "\n".join(lines) + "\n"

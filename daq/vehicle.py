@@ -91,6 +91,12 @@ class Corner:
         """Whether the wheel moves or turns with the travel of the axle's other wheel."""
         return self.joints is not None and self.joints.follows_other
 
+    @property
+    def depends_on_other(self) -> bool:
+        """Whether travel or load of the axle's other wheel moves or turns the wheel."""
+        given = None if self.joints is None else self.joints.compliance
+        return self.follows_other or (given is not None and bool(given.other))
+
 
 @dataclass(frozen=True)
 class Vehicle:

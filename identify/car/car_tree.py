@@ -113,6 +113,8 @@ def kinematics(corner: Corner, travel: Array, other: float = 1.0) -> KinematicSl
         if corner.joints.other is not None:
             moved = [other**order * corner.joints.other.value(other * travel, order).T for order in range(3)]
             parts = [a + b for a, b in zip(parts, moved, strict=True)]
+        twice = other * corner.joints.product[:, None] * np.ones(travel.size)
+        parts = [a + b for a, b in zip(parts, (twice * travel**2, 2.0 * twice * travel, 2.0 * twice), strict=True)]
         return KinematicSlopes(*(table_signs(corner) * part for part in parts))
     if corner.table is None:
         return KinematicSlopes(zeros, zeros, zeros)

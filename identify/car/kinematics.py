@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from lacet.daq.channels import CORNERS, other_corner
-from lacet.daq.errors import RunError
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Corner, Vehicle
@@ -23,6 +22,7 @@ from lacet.identify.car.car_tree import (
     carrier_axes,
     orientation,
 )
+from lacet.identify.car.compliance import joints_under_load
 from lacet.identify.car.measured_rows import MeasuredRows
 from lacet.identify.car.motion import CornerMotion, Motion
 from lacet.identify.car.road import Road, RoadPlane
@@ -30,7 +30,8 @@ from lacet.identify.car.rows import Row
 from lacet.identify.car.sources.completion import completed
 from lacet.identify.car.sources.nominal_load import known_masses
 from lacet.identify.car.torques import Torque, suspension_torque
-from lacet.identify.car.wheel_joints import wheel_joints
+from lacet.identify.car.wheel_joints import WheelJoints
+from lacet.identify.car.wheel_load import load_in_body
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.vectors import Array, cross, dot, turn, turned, unit
 from lacet.identify.signals.filters import Filters
@@ -66,7 +67,8 @@ def build_motion(
     road = Road(signals, rig, vehicle, n)
     plane = road.plane(attitude, body.omega)
     q, qd, qdd = (np.zeros((_CAR.chain.n, n)) for _ in range(3))
-    geometry = {c: _geometry(vehicle.corners[c], signals, road, q, qd, qdd) for c in CORNERS if c in moved}
+    joints = joints_under_load(vehicle, signals, road, plane, rig, moved)
+    geometry = {c: _geometry(vehicle.corners[c], signals, road, table, q, qd, qdd) for c, table in joints.items()}
     wheels = [WHEEL[c] for c in geometry]
     frames = _CAR.chain.propagate(q, qd, qdd, start=CHASSIS, base=_into_frame6(body), wanted=wheels)
     corners = dict(still.corners) if still else {}
@@ -112,8 +114,8 @@ def _corner(
         wheel_dphi_ds=torques[0],
         torque_work=torques[1],
         torque=torques[2],
-        force=_load_in_body(values, f"wheel.{c}.force", part, rig, normal),
-        moment=_load_in_body(values, f"wheel.{c}.moment", part, rig, normal),
+        force=load_in_body(values, f"wheel.{c}.force", part.axes, rig, normal),
+        moment=load_in_body(values, f"wheel.{c}.moment", part.axes, rig, normal),
         spin_axis=spin_axis,
         spin=part.spin,
         spin_accel=part.spin_accel,
@@ -237,7 +239,9 @@ class _Branch:
     spin_accel: Array
 
 
-def _geometry(corner: Corner, signals: Signals, road: Road, q: Array, qd: Array, qdd: Array) -> _Branch:
+def _geometry(
+    corner: Corner, signals: Signals, road: Road, table: WheelJoints, q: Array, qd: Array, qdd: Array
+) -> _Branch:
     """The geometry of a corner; the branch's joint positions and derivatives are entered in `q`, `qd`, `qdd`."""
     c, first = corner.name, FIRST_JOINT[corner.name] - 1
     centre_z, speed, accel = road.centre_z(c)
@@ -247,8 +251,6 @@ def _geometry(corner: Corner, signals: Signals, road: Road, q: Array, qd: Array,
     steer, steer_rate, steer_accel = signals.scalar(f"camera.{c}.steer", n)
     camber, camber_rate, camber_accel = signals.scalar(f"camera.{c}.camber", n)
     spin, spin_accel, _ = signals.scalar(f"wheel.{c}.speed", n)
-    other = road.travel(other_corner(c)) if corner.follows_other else None
-    table = wheel_joints(corner, (travel, speed, accel), other, (steer, steer_rate, steer_accel))
     joints = (
         table.half_track,
         table.half_wheelbase,
@@ -283,23 +285,3 @@ def _geometry(corner: Corner, signals: Signals, road: Road, q: Array, qd: Array,
         spin_axis_rate=cross(unit(2) * steer_rate + camber_axis * camber_rate, spin_axis),
         spin=spin, spin_accel=spin_accel,
     )  # fmt: skip
-
-
-def _load_in_body(values: Mapping[str, Array], channel: str, part: _Branch, rig: Rig, normal: Array) -> Array:
-    """A wheel load in body axes (3, N), from the axes that the rig declares for it."""
-    load, spin_axis = values.get(channel), part.spin_axis
-    if load is None:
-        return np.zeros_like(spin_axis)
-    sensor = rig.sensor_of(channel)
-    axes = "carrier" if sensor is None else sensor.axes
-    if axes == "body":
-        return load
-    if axes == "tydex_c":  # x parallel to the road, y along the spin axis
-        x = cross(spin_axis, normal)
-        x = x / np.linalg.norm(x, axis=0)
-        return x * load[0] + spin_axis * load[1] + cross(x, spin_axis) * load[2]
-    if axes == "heading":
-        raise RunError(rig.name, [f"{channel}: wheel loads cannot be in heading axes; use carrier, tydex_c or body"])
-    if sensor is not None and axes == "sensor":  # mounted at an angle in the carrier
-        load = orientation(sensor.orientation) @ load
-    return turned(part.axes, load)

@@ -1,9 +1,10 @@
 """Joints of a wheel along a motion, from the bench tables of its corner: places, derivatives, slopes by travel.
 
 Without joint tables a joint is T(s) of the bump table, s the wheel's own travel. With them it is T(s, s', r) = own(s) +
-other(s') + rack(r), s' the travel of the axle's other wheel, r the rack's: slopes by s and s' are at a fixed rack. The
-rack is that at which the wheel has its measured steer: what the tie rod gives counts as rack, and turns the wheel about
-the same kingpin. The table of the rack then stands in place of the kingpin's axis.
+other(s') + rack(r) + product s s', s' the travel of the axle's other wheel, r the rack's: slopes are at a fixed rack.
+The rack is that at which the wheel has its measured steer: what the tie rod gives beside its bench's compliance counts
+as rack, and turns the wheel about the same kingpin. The table of the rack then stands in place of the kingpin's axis.
+What loads change is added to T.
 """
 
 from __future__ import annotations
@@ -46,14 +47,17 @@ class WheelJoints:
     velocity: Array | None
 
 
-def wheel_joints(corner: Corner, own: Course, other: Course | None, steer: Course) -> WheelJoints:
+def wheel_joints(
+    corner: Corner, own: Course, other: Course | None, steer: Course, given: Array | None = None
+) -> WheelJoints:
     """The joints of a corner along the travels [m] of its wheel and of the axle's `other` one, and its steer [rad].
 
-    `other` is needed where the wheel follows the other one (`Corner.follows_other`).
+    `other` is needed where the wheel follows the other one (`Corner.follows_other`). `given` : (5, N) changes of the
+    joints by loads, in the signs of the tables.
     """
     if corner.joints is None:
         return _by_bump_table(corner, own, steer)
-    return _by_joint_tables(corner, corner.joints, own, other, steer)
+    return _by_joint_tables(corner, corner.joints, own, other, steer, given)
 
 
 def _by_bump_table(corner: Corner, own: Course, steer: Course) -> WheelJoints:
@@ -76,17 +80,23 @@ def _kingpin(corner: Corner, steer: Course) -> Course:
 
 
 def _by_joint_tables(
-    corner: Corner, tables: JointTables, own: Course, other: Course | None, steer: Course
+    corner: Corner, tables: JointTables, own: Course, other: Course | None, steer: Course, given: Array | None
 ) -> WheelJoints:
     signs = table_signs(corner)
     joints, by_own = _along(tables.own, own)
-    by_other = None
-    if tables.other is not None and other is not None and tables.follows_other:
-        moved, by_other = _along(tables.other, other)
-        joints = _sum(joints, moved)
+    if given is not None:
+        joints = (joints[0] + given, joints[1], joints[2])
+    by_other: Array | None = None
+    if other is not None and tables.follows_other:
+        if tables.other is not None:
+            moved, by_other = _along(tables.other, other)
+            joints = _sum(joints, moved)
+        joints = _sum(joints, _product(tables.product[:, None], own, other))
+        by_own = by_own + tables.product[:, None] * other[0]
+        by_other = (0.0 if by_other is None else by_other) + tables.product[:, None] * own[0]
     kingpin = _kingpin(corner, steer)
     if tables.rack is not None and tables.steered:
-        # Toe of the rack: the measured one less what both travels give.
+        # Toe of the rack: the measured one less what both travels and the loads give.
         toe = tuple(-corner.side * part - joint[TOE] for part, joint in zip(steer, joints, strict=True))
         turned, _ = _along(tables.rack, _rack(tables.rack, (toe[0] - corner.static_toe, toe[1], toe[2])))
         joints = _sum(joints, turned)
@@ -104,6 +114,12 @@ def _along(curve: JointCurve, x: Course) -> tuple[Course, Array]:
     """The joints (5, N) along the course of what they are against, and their slopes by it."""
     value, slope, curvature = (np.moveaxis(curve.value(x[0], order), -1, 0) for order in range(3))
     return (value, slope * x[1], slope * x[2] + curvature * x[1] ** 2), slope
+
+
+def _product(factor: Array, a: Course, b: Course) -> Course:
+    """Course of factor × a × b, (5, N)."""
+    rate = a[1] * b[0] + a[0] * b[1]
+    return factor * a[0] * b[0], factor * rate, factor * (a[2] * b[0] + 2.0 * a[1] * b[1] + a[0] * b[2])
 
 
 def _sum(a: Course, b: Course) -> Course:

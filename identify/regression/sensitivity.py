@@ -373,9 +373,9 @@ def _groups(recording: Recording, parts: Sequence[int], most: int) -> list[tuple
 
 
 def _moved_by(corner: str, vehicle: Vehicle) -> tuple[str, ...]:
-    """Corners whose motion depends on a corner's channels: the axle's other one too where it follows this travel."""
+    """Corners whose motion depends on a corner's channels: the axle's other one too if this one moves it."""
     other = other_corner(corner)
-    return (corner, other) if vehicle.corners[other].follows_other else (corner,)
+    return (corner, other) if vehicle.corners[other].depends_on_other else (corner,)
 
 
 def _stepped(copies: Recording, group: Sequence[Input], steps: Sequence[float]) -> Recording:

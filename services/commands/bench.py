@@ -6,10 +6,12 @@ import argparse
 import math
 from pathlib import Path
 
-from lacet.daq.bench_readings import joint_tables, read_bench
+from lacet.daq.bench_compliance import MeasuredCompliance, tables_with_compliance
+from lacet.daq.bench_readings import read_bench
+from lacet.daq.compliance import JOINTS
 from lacet.daq.errors import UsageError, nearest
 from lacet.daq.formats.result import DONE, write_result
-from lacet.daq.joint_tables import CURVES, JOINTS, joints_text
+from lacet.daq.joint_tables import CURVES, joints_text
 from lacet.simulate.linkage import SECOND_CARS, SecondCar
 from lacet.simulate.linkage.bench import Bench, bench_tests, find_test
 from lacet.simulate.linkage.mechanism import Mechanism
@@ -24,7 +26,8 @@ write what such rigs deliver: one CSV a test, and a picture of them all. Columns
   lacet bench --car second --noise 1 --seed 3 -o bench             with the repeatability of a usual rig
 
 With TABLES, those of any bench are read instead (names by --map), checked for units, signs and sides, and joint tables
-are made of them: [corner.….joints] of a vehicle file, against own travel, the other wheel's travel and the rack.
+are made of them: [corner.….joints] of a vehicle file, against own travel, the other wheel's travel and the rack, and
+the compliance by loads.
 
   lacet bench left.csv right.csv steer.csv grid.csv --map rig.map.toml -o joints.toml
 
@@ -92,7 +95,7 @@ def _read(args: argparse.Namespace) -> int:
     """Joint tables of the tables given."""
     if args.output.exists() and not args.force:
         raise UsageError(f"{args.output}: already there; give another name, or --force to replace")
-    joints = joint_tables(read_bench(args.tables, args.map))
+    joints, given = tables_with_compliance(read_bench(args.tables, args.map))
     args.output.write_text(
         joints_text(joints, f"bench: {', '.join(file.name for file in args.tables)}"), encoding="utf-8"
     )
@@ -100,10 +103,25 @@ def _read(args: argparse.Namespace) -> int:
         curves = [name for name in CURVES if getattr(table, name) is not None]
         error = ", ".join(f"{joint} {_shown(value, JOINTS[joint])}" for joint, value in table.mixed.items())
         print(f"{corner}: against {', '.join(curves)}; largest error of mixed terms: {error or 'not measured'}")
+        if corner in given:
+            print(f"{corner}: {_compliance(given[corner])}")
     print(f"{args.output}: joints of the corners, for the vehicle file")
     mixed = {corner: dict(table.mixed) for corner, table in joints.items()}
-    write_result(args.json, "bench", {"joints": str(args.output), "mixed": mixed})
+    compliance = {
+        c: {"loads": [*one.slopes.own], "bend": dict(one.bend), "together": [*one.together]} for c, one in given.items()
+    }
+    write_result(args.json, "bench", {"joints": str(args.output), "mixed": mixed, "compliance": compliance})
     return DONE
+
+
+def _compliance(given: MeasuredCompliance) -> str:
+    """What is known of a corner's compliance, in a sentence."""
+    bend = ", ".join(f"{joint} {_shown(value, JOINTS[joint])}" for joint, value in given.bend.items())
+    known = f"compliance by {', '.join(given.slopes.own) or 'no load'}; largest departure from straight lines: {bend}"
+    if not given.together:
+        return known
+    loads = " and ".join(given.together)
+    return f"{known}; without {loads}: put on both wheels alike only, a test with opposed loads separates them"
 
 
 def _shown(value: float, unit: str) -> str:

@@ -1,20 +1,21 @@
 """Virtual kinematics and compliance (K&C) bench: a second car's body is clamped at its design height, its wheels moved.
 
 The wheels are locked to their carriers and stand on pads. A pad holds the height of its wheel centre and, in the tests
-of compliance, loads the contact point straight below it. At every step the mechanism is in equilibrium. A table has
-what such rigs deliver: one row a step, columns by wheel, named in `COLUMNS`, angles and displacements in the signs of
-the vehicle file (``docs/vehicle.md``).
+of compliance, loads the contact point straight below it; of traction, the wheel centre. At every step the mechanism is
+in equilibrium. A table has what such rigs deliver: one row a step, columns by wheel, named in `COLUMNS`, angles and
+displacements in the signs of the vehicle file (``docs/vehicle.md``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.daq.bench_readings import BenchReadings, joint_tables
+from lacet.daq.bench_compliance import tables_with_compliance
+from lacet.daq.bench_readings import BenchReadings
 from lacet.daq.channels import CORNERS
 from lacet.daq.errors import UsageError, nearest
 from lacet.daq.joint_tables import JointTables
@@ -34,6 +35,7 @@ COLUMNS: dict[str, tuple[str, str]] = {
     "fy": ("N", "load of the pad on the contact point, to the left"),
     "fz": ("N", "load of the pad, upwards: with it the pad holds the travel"),
     "mz": ("N·m", "moment of the pad about z, to the left"),
+    "traction": ("N", "load on the wheel centre, forwards, as of a wheel that is free to turn"),
     "x": ("mm", "displacement of the wheel centre forwards, from the design position"),
     "y": ("mm", "displacement of the wheel centre outwards"),
     "z": ("mm", "displacement of the wheel centre upwards"),
@@ -49,11 +51,19 @@ NOISE = {"mm": 0.02, "deg": 0.003, "N": 4.0, "N·m": 0.5}
 
 @dataclass(frozen=True)
 class Step:
-    """What the bench sets: travels (4,) [m], rack [m], loads on the contact points."""
+    """What the bench sets: travels (4,) [m], rack [m], loads on the contact points, `traction` (4,) [N]."""
 
     travel: Array
     rack: float
     loads: Loads
+    traction: Array = field(default_factory=lambda: np.zeros(4))
+
+    def all_loads(self, heights: Array) -> Loads:
+        """Loads on the contact points, `heights` (4,) [m] below the wheel centres, that do what all of these do."""
+        force, moment = self.loads.force.copy(), self.loads.moment.copy()
+        force[:, 0] += self.traction
+        moment[:, 1] += heights * self.traction
+        return Loads(force, moment)
 
 
 @dataclass(frozen=True)
@@ -100,6 +110,9 @@ def bench_tests() -> dict[str, BenchTest]:
             out.append(Step(still, 0.0, Loads(other, own) if of_moment else Loads(own, other)))
         return out
 
+    def driven(sides: Array) -> tuple[Step, ...]:
+        return tuple(Step(still, 0.0, none, size * sides) for size in force)
+
     both, apart = np.ones(4), SIDE
     own_and_other = [Step(np.array([a, b, a, b]), 0.0, none) for a in grid for b in grid]
     rack = [Step(s * both, r, none) for s in (-0.03, 0.0, 0.03) for r in np.linspace(-0.05, 0.05, 11)]
@@ -114,6 +127,8 @@ def bench_tests() -> dict[str, BenchTest]:
         BenchTest("lateral-opposed", "the wheels of an axle loaded outwards", tuple(loaded(1, force, apart))),
         BenchTest("longitudinal", "all wheels loaded forwards, braked", tuple(loaded(0, force, both))),
         BenchTest("longitudinal-opposed", "left wheels forwards, right ones backwards", tuple(loaded(0, force, apart))),
+        BenchTest("traction", "wheel centres loaded forwards, wheels free to turn", driven(both)),
+        BenchTest("traction-opposed", "left wheel centres forwards, right ones backwards", driven(apart)),
         BenchTest("aligning", "moments on all wheels to the left", tuple(loaded(2, moment, both, True))),
         BenchTest("aligning-opposed", "moments on the left wheels to the left, on the right ones to the right",
                   tuple(loaded(2, moment, apart, True))),
@@ -154,7 +169,8 @@ class Bench:
         rows: list[dict[str, float]] = []
         start = None
         for step in test.steps:
-            shape = self._statics.solve(step.travel, step.rack, step.loads, start)
+            loads = step.all_loads(self._statics.mechanism.car.heights)
+            shape = self._statics.solve(step.travel, step.rack, loads, start)
             start = shape.q
             rows.append(self._reading(step, shape))
         columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
@@ -171,7 +187,7 @@ class Bench:
         for i, corner in enumerate(CORNERS):
             load, about = step.loads.force[i], step.loads.moment[i]
             values = (
-                1e3 * step.travel[i], load[0], load[1], load[2] + shape.held[i], about[2],
+                1e3 * step.travel[i], load[0], load[1], load[2] + shape.held[i], about[2], step.traction[i],
                 moved[i, 0], SIDE[i] * moved[i, 1], moved[i, 2], *angles[i],
             )  # fmt: skip
             out |= {f"{name}.{corner}": float(value) for name, value in zip(COLUMNS, values, strict=True)}
@@ -180,6 +196,10 @@ class Bench:
 
 JOINT_TESTS = ("single-left", "single-right", "grid", "steer")
 """Tests that give the joints of every corner: each variable alone, and several together for the mixed terms."""
+LOAD_TESTS = tuple(
+    f"{load}{how}" for load in ("lateral", "longitudinal", "traction", "aligning") for how in ("", "-opposed")
+)
+"""Tests that give the compliance."""
 
 
 @dataclass(frozen=True)
@@ -200,9 +220,11 @@ class BenchTables:
     def of(cls, car: SecondCar) -> BenchTables:
         """The tables of a car, from a bench without noise. Some seconds of computing."""
         bench, tests = Bench(Mechanism(car)), bench_tests()
-        parts = [bench.run(tests[name]).columns for name in JOINT_TESTS]
+        wanted = JOINT_TESTS if car.rigid else (*JOINT_TESTS, *LOAD_TESTS)
+        parts = [bench.run(tests[name]).columns for name in wanted]
         columns = {name: np.concatenate([_si(name, part[name]) for part in parts]) for name in parts[0]}
-        return cls(_bump(bench.run(tests["bump"]).columns), joint_tables(BenchReadings(columns, JOINT_TESTS)))
+        tables, _ = tables_with_compliance(BenchReadings(columns, wanted))
+        return cls(_bump(bench.run(tests["bump"]).columns), tables)
 
 
 def _si(name: str, values: Array) -> Array:

@@ -74,7 +74,10 @@ def with_joints(vehicle: Vehicle) -> Vehicle:
         rack = np.outer(s, [0.08, 0.20 * corner.side, 5.0 * corner.side, 0.3, 0.6 * corner.side])
         rack += np.outer(s**2, [-1.0, 0.5, 3.0, 2.0, 1.5])
         curves = [JointCurve(s, k * values) for values in (own, other, rack)]
-        tables = JointTables(curves[0], curves[1], curves[2] if name[0] == "f" else None, {})
+        tables = JointTables(
+            curves[0], curves[1], curves[2] if name[0] == "f" else None, {},
+            product=k * np.array([0.7, -0.4, 0.5, 0.9, -0.6]),
+        )  # fmt: skip
         corners[name] = replace(corner, table=None, joints=tables, driven=False)
     return replace(vehicle, corners=corners)
 

@@ -23,6 +23,8 @@ DRIVES = {
     "lateral-opposed": ("fy.fl", "force outwards [N]"),
     "longitudinal": ("fx.fl", "force forwards [N]"),
     "longitudinal-opposed": ("fx.fl", "force on the left wheel [N]"),
+    "traction": ("traction.fl", "force forwards on the wheel centre [N]"),
+    "traction-opposed": ("traction.fl", "force on the left wheel centre [N]"),
     "aligning": ("mz.fl", "moment to the left [N·m]"),
     "aligning-opposed": ("mz.fl", "moment on the left wheel [N·m]"),
 }

@@ -27,7 +27,10 @@ def test_a_row_needs_what_the_other_wheel_brings() -> None:
     assert {"wheel.rr.force", "wheel.rr.moment", "wheel.rr.speed", "laser.rr.hub", "camera.rr.steer"} <= more
     assert "laser.rr.hub" in needs(Row.parse("spin.rl"), "contact", vehicle=VEHICLE)
     assert "laser.rr.hub" in needs(Row.parse("tyre.rl"), "contact", vehicle=VEHICLE)
-    still = {c: replace(k, joints=replace(k.joints, other=None)) for c, k in VEHICLE.corners.items()}  # type: ignore[arg-type]
+    still = {
+        c: replace(k, joints=replace(k.joints, other=None, product=np.zeros(5)))  # type: ignore[arg-type]
+        for c, k in VEHICLE.corners.items()
+    }
     alone = replace(VEHICLE, corners=still)
     for kind in ("suspension", "tyre", "spin"):
         own = Row.parse(f"{kind}.rl")

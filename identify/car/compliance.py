@@ -1,0 +1,92 @@
+"""Compliance along a motion: what the measured wheel loads change of the joints of a wheel, by its bench's slopes.
+
+Points and attitudes of the wheel move; their velocities and accelerations by it are left out, as at 6 Hz they are some
+newtons of the unsprung mass. The slopes by the travel stay those of the bench without a load: in equilibrium the rubber
+does no work on a small further motion, so that they hold up to half the change of the compliance by the travel times
+the load squared. The travel is the wheel centre's height, which the hub laser measures whatever the rubber gives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+import numpy as np
+
+from lacet.daq.channels import CORNERS, other_corner
+from lacet.daq.compliance import Compliance
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Corner, Vehicle
+from lacet.identify.car.car_tree import carrier_axes
+from lacet.identify.car.road import Road, RoadPlane
+from lacet.identify.car.rows import PRESSURE, RELEASED
+from lacet.identify.car.wheel_joints import WheelJoints, wheel_joints
+from lacet.identify.car.wheel_load import load_in_body
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.signals.reconstruct import Signals
+
+WheelLoads = Mapping[str, Array]
+"""Loads on a wheel by name (`daq.compliance.LOADS`), (N,) each."""
+
+
+def joints_under_load(
+    vehicle: Vehicle, signals: Signals, road: Road, plane: RoadPlane, rig: Rig, moved: Collection[str]
+) -> dict[str, WheelJoints]:
+    """Joints of the `moved` corners by their tables, under the wheel loads where a bench has their compliance."""
+    n = road.n
+
+    def of(c: str, given: Array | None = None) -> WheelJoints:
+        corner = vehicle.corners[c]
+        other = road.travel(other_corner(c)) if corner.follows_other else None
+        return wheel_joints(corner, road.travel(c), other, signals.scalar(f"camera.{c}.steer", n), given)
+
+    gives = {c: k.compliance for c, corner in vehicle.corners.items() if (k := corner.joints) and k.compliance}
+    loaded = [c for c in CORNERS if c in moved or (other_corner(c) in moved and other_corner(c) in gives)]
+    unloaded = {c: of(c) for c in loaded}
+    loads: dict[str, WheelLoads] = {}
+    for c in loaded if gives else ():
+        steer, camber = (signals.scalar(f"camera.{c}.{angle}", n)[0] for angle in ("steer", "camber"))
+        axes = carrier_axes(steer, camber, unloaded[c].pitch[0] + unloaded[c].kingpin[0])
+        force, moment = (
+            load_in_body(signals.value, f"wheel.{c}.{what}", axes, rig, plane.normal) for what in ("force", "moment")
+        )
+        loads[c] = loads_on(vehicle.corners[c], signals.value, force, moment, axes[:, 1])
+    return {
+        c: of(c, change_by_loads(vehicle.corners[c], gives[c], loads)) if c in gives else unloaded[c]
+        for c in CORNERS
+        if c in moved
+    }
+
+
+def loads_on(corner: Corner, values: Mapping[str, Array], force: Array, moment: Array, spin_axis: Array) -> WheelLoads:
+    """Loads on a wheel in the terms of the bench, from its measured load in body axes (3, N), about the wheel centre.
+
+    What the carrier has of a longitudinal force's moment is the torque of an outboard brake: measured, or, while the
+    brake line has pressure, the moment about the wheel's axis. Brakes without either channel count as released.
+    """
+    torque = np.zeros(force.shape[1])
+    if corner.brakes != "inboard":
+        if (channel := f"brake.{corner.name}.torque") in values:
+            torque = values[channel][0]
+        elif PRESSURE in values:
+            torque = np.where(values[PRESSURE][0] > RELEASED, np.sum(moment * spin_axis, axis=0), 0.0)
+    held = -torque / corner.height
+    return {
+        "longitudinal": held,
+        "traction": force[0] - held,
+        "lateral": corner.side * force[1],
+        "aligning": -corner.side * moment[2],
+    }
+
+
+def change_by_loads(corner: Corner, compliance: Compliance, loads: Mapping[str, WheelLoads]) -> Array:
+    """(5, N) changes of a corner's joints, in the signs of its tables, under the `loads` by corner."""
+    own, other = (_known(compliance, loads[c]) for c in (corner.name, other_corner(corner.name)))
+    return compliance.change(own, other)
+
+
+def _known(compliance: Compliance, loads: WheelLoads) -> WheelLoads:
+    """The loads with all of the longitudinal force as that which a bench put on, where it did not put on both."""
+    known = [name for name in ("longitudinal", "traction") if name in compliance.own]
+    if len(known) != 1:
+        return loads
+    return {**loads, known[0]: loads["longitudinal"] + loads["traction"]}
