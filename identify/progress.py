@@ -34,6 +34,7 @@ class Stage(Enum):
     FLOOR_AT_TOLERANCES = auto()
     FIT_WITH_EFFECTS = auto()
     FLOOR_BESIDE_EFFECT = auto()
+    ENCOMPASSING = auto()
     SYMBOLIC_LAWS = auto()
 
 

@@ -41,6 +41,7 @@ from lacet.identify.selection.joint.refits import (
 from lacet.identify.selection.joint.shape_constants import refined
 from lacet.identify.selection.joint.starts import starts
 from lacet.identify.selection.joint.subset_search import strength
+from lacet.identify.selection.laws.encompassing import only_encompassing
 from lacet.identify.selection.laws.formulas import Formula, propose
 from lacet.identify.selection.relinearisation import relinearise, relinearised_columns
 from lacet.identify.selection.rest import Rest, acts_on, added_faults
@@ -191,7 +192,7 @@ def _settled(joint: Joint, seed: int, progress: Progress) -> tuple[Joint, Rest]:
         rest = Rest.of(joint.space, joint.laws)
     possible = only_plausible(joint, seed, progress)
     rest = rest if possible is joint else Rest.of(possible.space, possible.laws)
-    return not_part_of_the_rest(possible, rest, seed, progress)
+    return only_encompassing(*not_part_of_the_rest(possible, rest, seed, progress), seed, progress)
 
 
 def _of_another_start(joint: Joint, rest: Rest, seed: int, progress: Progress) -> tuple[Joint, Rest]:

@@ -142,6 +142,6 @@ def solved(G: Array, sides: Array) -> Array:
     scale = np.sqrt(np.maximum(0.0, np.diag(G)))
     scale = np.where(scale > 0.0, scale, 1.0)
     values, vectors = np.linalg.eigh(G / np.outer(scale, scale))
-    kept = values > SELECTION.shared_eigenvalue * values[-1]
+    kept = values > SELECTION.shared_eigenvalue * np.max(values, initial=0.0)
     V = vectors[:, kept]
     return (V @ ((V.T @ (sides / scale[:, None])) / values[kept, None])) / scale[:, None]

@@ -266,14 +266,21 @@ def not_part_of_the_rest(joint: Joint, rest: Rest, seed: int, progress: Progress
         weakest = _weakest([one for one in found if one.force <= rest.beside(one) or one.key in elsewhere])
         if weakest is None:
             break
-        joint = _dropping(replace(joint, parts=joint.parts | {weakest.key}), [weakest.key], progress)
-        # What else could be there is tried beside what stands in the end.
-        joint = beside_of(joint, _tests_of_some(joint, joint.fit, (), seed, progress), progress)
+        joint = less_a_part(joint, weakest.key, seed, progress)
         rest = Rest.of(joint.space, joint.laws)
-    if joint is not before:
-        joint = beside_of(joint, _tests_of(joint, joint.fit, (), seed, progress), progress)
-        rest = Rest.of(joint.space, joint.laws)
-    return joint, rest
+    return (joint, rest) if joint is before else tested_again(joint, seed, progress)
+
+
+def less_a_part(joint: Joint, key: str, seed: int, progress: Progress) -> Joint:
+    """The same less an effect that may be a part of an unlisted cause; `tested_again` tests the others beside it."""
+    joint = _dropping(replace(joint, parts=joint.parts | {key}), [key], progress)
+    return beside_of(joint, _tests_of_some(joint, joint.fit, (), seed, progress), progress)
+
+
+def tested_again(joint: Joint, seed: int, progress: Progress) -> tuple[Joint, Rest]:
+    """The same with all other candidates tested beside its effects, and the rest of its model."""
+    joint = beside_of(joint, _tests_of(joint, joint.fit, (), seed, progress), progress)
+    return joint, Rest.of(joint.space, joint.laws)
 
 
 def _not_standing_elsewhere(joint: Joint, rest: Rest, tried: ScoreTests) -> set[str]:

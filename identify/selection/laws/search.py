@@ -207,7 +207,7 @@ class _Added:
         """(n,) fall on all data and (n, D) that in simulated runs, each in units of its mean over both."""
         inside, own = self.inside, self.own
         energy, score, gain = self._without_base(inside.reduced)
-        null = _null(space, inside)
+        null = null_products(space, inside)
         reduced = null - inside.gain.T @ null[inside.nuisance]
         drawn = (reduced[own] - gain[:, own].T @ reduced[self.base]) ** 2 / energy[own, None]
         drop = score[own] ** 2 / energy[own]
@@ -241,7 +241,7 @@ def _solved(normal: Array, at: Places, sides: Array) -> Array:
     return np.asarray(scale * np.linalg.solve(scale * normal[np.ix_(at, at)] * scale.T, scale * sides), float)
 
 
-def _null(space: ScoreTests, inside: PartialRegression) -> Array:
+def null_products(space: ScoreTests, inside: PartialRegression) -> Array:
     """(w, D) products of all columns with simulated runs that lack nothing, as noisy as the rows are."""
     over_runs, tolerances = inside.sums.over_runs, inside.nuisance[space.columns.tolerances]
     noise = np.sum([space.noise_ratio[row] * products for row, products in over_runs.null.items()], axis=0)

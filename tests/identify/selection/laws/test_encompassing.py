@@ -1,0 +1,87 @@
+"""Laws found, compared with laws of no catalogue in their place: stand-ins fall, what is there stays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lacet.identify.effects.base import Effect
+from lacet.identify.effects.language.compiled import one_line_effects
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.columns.linearisation import Linearisation
+from lacet.identify.selection.laws.encompassing import _Place, encompasses  # pyright: ignore[reportPrivateUsage]
+from lacet.identify.selection.laws.formulas import laws_at
+from lacet.identify.selection.laws.search import without_noise
+from lacet.identify.selection.rest import AddedLaw, added_laws
+from lacet.identify.selection.score_tests import ScoreTests
+from lacet.identify.validation.noise_floor import NoiseFloor
+from tests.identify.exact_car import KNOWN, VEHICLE, driven, exact_with, fit_of
+
+STAND_IN = KNOWN["damper_stroke_symmetric.front"]
+UNLISTED = one_line_effects("hidden = suspension.front: p * tanh(abs(travel)/s0)*rate, s0 = 10 mm", VEHICLE, "hub")[0]
+
+
+def beyond_chance(fall: float, null: Array) -> bool:
+    """Without other candidates."""
+    return bool(fall > np.max(null))
+
+
+def with_law(fitted: Fit, law: Effect, floor: NoiseFloor) -> tuple[ScoreTests, AddedLaw]:
+    """The model of a fit with a law, fitted again, and the law in it."""
+    both = fitted.with_effects([law])
+    space = without_noise(ScoreTests.of(Linearisation.of(both, floor), [], 0))
+    (found,) = added_laws(space)
+    return space, found
+
+
+@pytest.fixture(scope="module")
+def lacks_unlisted() -> Fit:
+    """The model on a run of a car with damping that grows with the travel and saturates."""
+    return fit_of(driven(exact_with(UNLISTED, 700.0), 1))
+
+
+def test_a_listed_law_does_not_stand_for_another_that_is_not_listed(lacks_unlisted: Fit, floor: NoiseFloor):
+    space, law = with_law(lacks_unlisted, STAND_IN, floor)
+    assert beyond_chance(law.force, law.null)
+    assert not encompasses(space, law, "front", beyond_chance)
+
+
+@pytest.mark.parametrize(("key", "size"), [("damper_stroke_symmetric.front", 3e5), ("coulomb.front", 60.0)])
+def test_a_listed_law_that_is_there_stands(key: str, size: float, floor: NoiseFloor):
+    """Whatever a thousand laws of no catalogue explain in its place by chance."""
+    hidden = KNOWN[key]
+    space, law = with_law(fit_of(driven(exact_with(hidden, size), 2)), hidden, floor)
+    assert encompasses(space, law, "front", beyond_chance)
+
+
+def test_equations_of_a_law_are_those_without_it(lacks_unlisted: Fit, floor: NoiseFloor):
+    """Normal matrix and right side of the law and others in its place, against elimination of all else one by one."""
+    space, law = with_law(lacks_unlisted, STAND_IN, floor)
+    others = laws_at(space, "suspension", "front")[::60]
+    place = _Place.of(space, law, others[:1], others[1:])
+    known, trials = space.beside(others)
+    model, width = known.sums.layout.model, known.sums.layout.width
+    own, right = np.eye(width), known.sums.layout.right  # columns of the model's own parameters in place of turned ones
+    own[:model, :model] = np.linalg.inv(known.sums.turn)
+    total = known.total.copy()
+    total[np.ix_(known.nuisance, known.nuisance)] += known.prior
+    total[known.nuisance, right] += known.prior_side
+    total[right, known.nuisance] += known.prior_side
+    total = own.T @ total @ own
+    # The residual is that of a fit with the law, whose force it lacks.
+    (at,) = law.places
+    total[:, right] += total[:, at] * space.fitted.theta[space.fitted.place][at]
+    beside = trials[0].place.start
+    wanted = [at, *(trial.place.start for trial in trials[1:])]
+    gone = [i for i in (*known.nuisance.tolist(), beside) if i != at]
+    scale = np.sqrt(np.diag(total)[gone])
+    gain = np.linalg.solve(total[np.ix_(gone, gone)] / np.outer(scale, scale), total[gone] / scale[:, None])
+    left = total - (total[:, gone] / scale) @ gain
+    unit = np.sqrt(np.maximum(np.diag(total)[wanted], 1.0))  # some never act on this run
+    np.testing.assert_allclose(place.normal / np.outer(unit, unit), left[np.ix_(wanted, wanted)] / np.outer(unit, unit),
+                               atol=1e-9)  # fmt: skip
+    np.testing.assert_allclose(place.right / unit, left[wanted, right] / unit, atol=1e-6)
+    margins, _ = place.margins()
+    falls = place.right[place.others] ** 2 / np.diag(place.normal)[place.others]
+    np.testing.assert_allclose(margins, falls - place.fall)
