@@ -15,7 +15,7 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -25,9 +25,12 @@ from numpy.typing import NDArray
 
 from benchmarks import coverage
 from lacet.daq.channels import CORNERS
+from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.body_motion import body_motion
 from lacet.identify.car.car_tree import AXLE, WHEEL
 from lacet.identify.car.sources.completion import completed
+from lacet.identify.car.sources.wheel_force import GRAVITY
 from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.model import Model
@@ -63,18 +66,33 @@ DRAWS = 3
 class StudyRig:
     """A rig of the study: `about` it, channels it keeps of the full one, and channels made from the full one's.
 
-    `masses` : whether the vehicle file gives the sprung and unsprung masses.
+    `masses` : whether the vehicle file gives the sprung and unsprung masses; `scales` : whether it stands on corner
+    scales in a run more; `unit` : whether it has an inertial unit.
     """
 
     about: str
     keep: Callable[[str], bool]
-    make: Callable[[Channels], dict[str, Array]] = lambda _: {}
+    make: Callable[[Channels, Rig], dict[str, Array]] = lambda *_: {}
     masses: bool = False
+    scales: bool = False
+    unit: bool = True
 
 
 def no_wheels(name: str) -> bool:
     """Everything but the dynamometers."""
     return not name.startswith("wheel.")
+
+
+def no_loads(name: str) -> bool:
+    """Inertial unit, travel, speed and steer."""
+    return name.startswith(("imu.", "correvit.")) or name.endswith((".hub", ".steer"))
+
+
+def bus(values: Channels, rig: Rig) -> dict[str, Array]:
+    """Yaw rate and lateral acceleration at the body's origin, as on the car's own bus."""
+    signals = Signals.differentiated(dict(values), coverage.FILTERS.rate)
+    lateral = body_motion(signals, rig, values["imu.rate"].shape[1]).accel[1:2]
+    return {"car.yaw_rate": values["imu.rate"][2:], "car.lateral_accel": lateral}
 
 
 RIGS: dict[str, StudyRig] = {
@@ -88,12 +106,12 @@ RIGS: dict[str, StudyRig] = {
     "cells": StudyRig(
         "vertical load cells in place of dynamometers",
         no_wheels,
-        lambda a: {f"hub.{c}.load": a[f"wheel.{c}.force"][2:] for c in CORNERS},
+        lambda a, _: {f"hub.{c}.load": a[f"wheel.{c}.force"][2:] for c in CORNERS},
     ),
     "potentiometers": StudyRig(
         "potentiometers with a motion ratio in place of hub lasers",
         lambda n: not n.endswith(".hub"),
-        lambda a: {f"damper.{c}.travel": RATIO * (0.3 - a[f"laser.{c}.hub"]) for c in CORNERS},
+        lambda a, _: {f"damper.{c}.travel": RATIO * (0.3 - a[f"laser.{c}.hub"]) for c in CORNERS},
     ),
     "no_attitude": StudyRig(
         "no attitude, ground lasers in front only",
@@ -105,12 +123,16 @@ RIGS: dict[str, StudyRig] = {
     "pushrods": StudyRig(
         "pushrods with a force gauge in place of dynamometers",
         no_wheels,
-        lambda a: {f"pushrod.{c}.force": (a[f"wheel.{c}.force"][2:] - 250.0) / RATIO for c in CORNERS},
+        lambda a, _: {f"pushrod.{c}.force": (a[f"wheel.{c}.force"][2:] - 250.0) / RATIO for c in CORNERS},
     ),
     "no_loads": StudyRig(
         "inertial unit, travel, speed and steer; no wheel load, the sprung mass known",
-        lambda n: n.startswith(("imu.", "correvit.")) or n.endswith((".hub", ".steer")),
+        no_loads,
         masses=True,
+    ),
+    "scales": StudyRig("the same and a run that stands on corner scales", no_loads, masses=True, scales=True),
+    "bus": StudyRig(
+        "three-axis hubs, yaw rate and lateral acceleration", lambda n: n.endswith(".force"), bus, unit=False
     ),
 }
 
@@ -137,17 +159,36 @@ def exact(rig: str) -> tuple[Recording, ...]:
     """Exact recordings of the four manoeuvres by a rig: its laws at their nominal constants fulfil the model."""
     records, theta = coverage.stored_motions()
     known = vehicle_with_masses() if RIGS[rig].masses else vehicle()
-    out: list[Recording] = []
-    for record in records:
-        values = dict(record.signals.value)
-        made = RIGS[rig].make(values)
-        kept = {name: a for name, a in values.items() if RIGS[rig].keep(name)} | made
-        signals = Signals.differentiated(kept, record.filters.rate)
-        usable = {name: record.usable.get(name, np.ones(record.t.size, bool)) for name in kept}
-        rates = {name: record.rates.get(name, record.filters.rate) for name in kept}
-        bare = replace(record, signals=signals, usable=usable, rates=rates, vehicle=known, smoothers={})
-        out.append(cars.fulfil(completed(bare), model().physics, theta).smoothed())
-    return tuple(out)
+    out = [made(record, rig, known) for record in records]
+    if RIGS[rig].scales:
+        out.append(made(standing(out[0]), rig, known))
+    return tuple(cars.fulfil(completed(bare), model().physics, theta).smoothed() for bare in out)
+
+
+def made(record: Recording, rig: str, known: Vehicle) -> Recording:
+    """A recording of the full rig with the channels of another rig, nothing derived or assumed yet."""
+    values = dict(record.signals.value)
+    kept = {name: a for name, a in values.items() if RIGS[rig].keep(name) or name.startswith("scale.")}
+    kept |= RIGS[rig].make(values, record.rig)
+    signals = Signals.differentiated(kept, record.filters.rate)
+    usable = {name: record.usable.get(name, np.ones(record.t.size, bool)) for name in kept}
+    rates = {name: record.rates.get(name, record.filters.rate) for name in kept}
+    bare = replace(record, signals=signals, usable=usable, rates=rates, vehicle=known, smoothers={})
+    if RIGS[rig].unit:
+        return bare
+    others = tuple(sensor for sensor in record.rig.sensors if sensor.name != "imu")
+    return replace(bare, rig=replace(record.rig, sensors=others))
+
+
+def standing(record: Recording, seconds: float = 10.0) -> Recording:
+    """The car at rest on corner scales, with the mean travel of a recording; its loads do not fulfil the model yet."""
+    part = record.at(slice(0, round(seconds * record.filters.rate)))
+    ones = np.ones((1, part.t.size))
+    still = {name: 0.0 * a for name, a in part.signals.value.items()}
+    still |= {f"laser.{c}.hub": ones * np.mean(record.signals.value[f"laser.{c}.hub"]) for c in CORNERS}
+    still |= {"imu.accel": np.array([[0.0], [0.0], [GRAVITY]]) * ones}
+    still |= {f"scale.{c}.load": 3500.0 * ones for c in CORNERS}
+    return part.with_signals(Signals.differentiated(still, record.filters.rate))
 
 
 def model() -> Model:
@@ -155,9 +196,19 @@ def model() -> Model:
     return coverage.models()[0]
 
 
-def misinformed(record: Recording, rng: np.random.Generator) -> Mapping[str, float]:
+def misinformed(records: Sequence[Recording], rng: np.random.Generator) -> Mapping[str, float]:
     """How far the nominal value of each assumption is off, a draw of its tolerance."""
-    return {name: one.tolerance * float(rng.standard_normal()) for name, one in sorted(record.assumptions.items())}
+    every = {name: one for record in records for name, one in record.assumptions.items()}
+    return {name: one.tolerance * float(rng.standard_normal()) for name, one in sorted(every.items())}
+
+
+def sheet_of(records: Sequence[Recording], rng: np.random.Generator) -> dict[tuple[str, int], float]:
+    """Gains and latencies of all channels of a rig."""
+    sheet = coverage.sheet_draw(records[0], rng)
+    for record in records[1:]:
+        if {*record.signals.value} - {*records[0].signals.value}:
+            sheet = coverage.sheet_draw(record, rng) | sheet
+    return sheet
 
 
 def drawn(record: Recording, rng: np.random.Generator, sheet: Mapping, wrong: Mapping[str, float]) -> PreparedRun:
@@ -179,7 +230,7 @@ def campaign(rig: str, number: int) -> Values:
     """Every value that lacet reports in one campaign: name → estimate, σ with the sheet, true value."""
     rng = np.random.default_rng([77, 1 + list(RIGS).index(rig), number])
     records = exact(rig)
-    sheet, wrong = coverage.sheet_draw(records[0], rng), misinformed(records[0], rng)
+    sheet, wrong = sheet_of(records, rng), misinformed(records, rng)
     runs = [drawn(record, rng, sheet, wrong) for record in records]
     return reported(fit(model(), runs, FitOptions(draws=DRAWS), stored=reference(rig)))
 
@@ -190,8 +241,11 @@ def reported(found: Fit) -> Values:
     exactly = np.zeros(len(theta))
     exactly[found.base.independent] = found.base.grouping() @ theta
     true = dict(zip(found.model.names, exactly, strict=True))
-    out = {e.name: (e.value, e.half_sheet / TWO_SIDED_95, true[e.name]) for e in estimates(found, None, found.runs)
-           if e.identifiable}  # fmt: skip
+    out = {
+        e.name if e.group == e.name else f"{e.name} and others": (e.value, e.half_sheet / TWO_SIDED_95, true[e.name])
+        for e in estimates(found, None, found.runs)
+        if e.identifiable
+    }
     whole = whole_vehicle(replace(found, covariance=found.covariance + found.covariance_sheet), vehicle())
     right = whole_vehicle(replace(found, theta=exactly), vehicle())
     if whole and right:
@@ -219,7 +273,7 @@ SHOWN = {
     "mass": ("mass",), "cog x": ("cog.x",), "cog z": ("cog.z",), "Izz": ("Izz",), "Iyy": ("Iyy",), "Ixx": ("Ixx",),
     "springs": ("spring.fl.k", "spring.rr.k"), "dampers": ("damper.fl.c", "damper.rr.c"),
     "bars": ("anti_roll_bar.front.k", "anti_roll_bar.rear.k"),
-    "tyres": ("tyre_stiffness.fl.kt", "tyre_stiffness.rr.kt"),
+    "tyres": ("tyre_stiffness.fl.kt", "tyre_stiffness.rr.kt"), "offsets": ("offset.fl.f0", "offset.rr.f0"),
 }  # fmt: skip
 """Columns of the table of widths, and the values whose mean they are."""
 

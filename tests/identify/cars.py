@@ -169,7 +169,11 @@ _FREE: dict[str, float] = {
     **{name: 3000.0 if name.endswith("force") else 300.0 for name in LOADS},
     "imu.accel": 0.5,
     **{f"laser.{c}.ground": 0.01 for c in CORNERS},
-    **{f"{part}.{c}.{what}": 3000.0 for c in CORNERS for part, what in (("hub", "load"), ("pushrod", "force"))},
+    **{
+        f"{part}.{c}.{what}": 3000.0
+        for c in CORNERS
+        for part, what in (("hub", "load"), ("pushrod", "force"), ("scale", "load"))
+    },
 }
 """Channels of which only values enter a model without tyre damping, with the size of a change."""
 
@@ -210,5 +214,5 @@ def fulfil(record: Recording, effects: Sequence[Effect], theta: Array) -> Record
         if np.max(np.abs(rest)) < 1e-13 * size:
             break
     assert np.max(np.abs(rest)) < 1e-11 * size, "some row cannot be fulfilled"
-    assert values["imu.accel"].shape == (3, n)
+    assert all(values[name].shape == (CHANNELS[name].width, n) for name in free)
     return record.with_signals(replace(record.signals, value=values))
