@@ -50,11 +50,15 @@ STATED = f"""
 motion_ratio = {{ value = {RATIO}, tolerance = 0.008, unit = "-", source = "drawing" }}
 pushrod_ratio = {{ value = {RATIO}, tolerance = 0.008, unit = "-", source = "drawing" }}
 """
-MASSES = """
-sprung_mass = {{ value = {0}, tolerance = 15, unit = "kg", source = "scales less unsprung masses" }}
-unsprung_mass.front = {{ value = {1}, tolerance = 3, unit = "kg", source = "drawing" }}
-unsprung_mass.rear = {{ value = {2}, tolerance = 3, unit = "kg", source = "drawing" }}
+UNSPRUNG = """
+unsprung_mass.front = {{ value = {0}, tolerance = 3, unit = "kg", source = "drawing" }}
+unsprung_mass.rear = {{ value = {1}, tolerance = 3, unit = "kg", source = "drawing" }}
 """
+SCALE = {
+    "mass": 'sprung_mass = {{ value = {0}, tolerance = 15, unit = "kg", source = "scales less unsprung masses" }}\n',
+    "spring": 'spring_rate.front = {{ value = {0}, tolerance = 500, unit = "N/m", source = "bench" }}\n',
+}
+"""What may fix the scale where no wheel load is measured."""
 INERTIAL = ("imu.accel", "imu.rate")
 Channels = Mapping[str, Array]
 Values = dict[str, tuple[float, float, float]]
@@ -66,14 +70,14 @@ DRAWS = 3
 class StudyRig:
     """A rig of the study: `about` it, channels it keeps of the full one, and channels made from the full one's.
 
-    `masses` : whether the vehicle file gives the sprung and unsprung masses; `scales` : whether it stands on corner
-    scales in a run more; `unit` : whether it has an inertial unit.
+    `given` : what the vehicle file gives beside unsprung masses (`SCALE`), empty for nothing; `scales` : whether it
+    stands on corner scales in a run more; `unit` : whether it has an inertial unit.
     """
 
     about: str
     keep: Callable[[str], bool]
     make: Callable[[Channels, Rig], dict[str, Array]] = lambda *_: {}
-    masses: bool = False
+    given: str = ""
     scales: bool = False
     unit: bool = True
 
@@ -128,12 +132,13 @@ RIGS: dict[str, StudyRig] = {
     "no_loads": StudyRig(
         "inertial unit, travel, speed and steer; no wheel load, the sprung mass known",
         no_loads,
-        masses=True,
+        given="mass",
     ),
-    "scales": StudyRig("the same and a run that stands on corner scales", no_loads, masses=True, scales=True),
+    "scales": StudyRig("the same and a run that stands on corner scales", no_loads, given="mass", scales=True),
     "bus": StudyRig(
         "three-axis hubs, yaw rate and lateral acceleration", lambda n: n.endswith(".force"), bus, unit=False
     ),
+    "spring": StudyRig("no wheel load, the rate of the front springs known", no_loads, given="spring"),
 }
 
 
@@ -144,21 +149,25 @@ def vehicle() -> Vehicle:
 
 
 @cache
-def vehicle_with_masses() -> Vehicle:
-    """The same with its masses, those of the stored motions; what is unsprung has a nominal mass outboard of it."""
+def vehicle_of(rig: str) -> Vehicle:
+    """The vehicle file of a rig; what it gives is of the stored motions, with a nominal mass outboard unsprung, too."""
+    given = RIGS[rig].given
+    if not given:
+        return vehicle()
     theta = coverage.stored_motions()[1]
     of = dict(zip(model().names, theta.tolist(), strict=True))
     outboard = vehicle().assumption("outboard_mass", "fl").value
     unsprung = {c: of[f"M{AXLE[c]}"] + of[f"M{WHEEL[c]}"] + outboard for c in CORNERS}
     axles = (0.5 * (unsprung[f"{axle}l"] + unsprung[f"{axle}r"]) for axle in "fr")
-    return Vehicle.parse(vehicle().text + MASSES.format(of["M6"], *axles))
+    value = of["M6"] if given == "mass" else 0.5 * (of["spring.fl.k"] + of["spring.fr.k"])
+    return Vehicle.parse(vehicle().text + SCALE[given].format(value) + UNSPRUNG.format(*axles))
 
 
 @cache
 def exact(rig: str) -> tuple[Recording, ...]:
     """Exact recordings of the four manoeuvres by a rig: its laws at their nominal constants fulfil the model."""
     records, theta = coverage.stored_motions()
-    known = vehicle_with_masses() if RIGS[rig].masses else vehicle()
+    known = vehicle_of(rig)
     out = [made(record, rig, known) for record in records]
     if RIGS[rig].scales:
         out.append(made(standing(out[0]), rig, known))

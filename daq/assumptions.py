@@ -149,6 +149,13 @@ ASSUMABLE: dict[str, Assumable] = {
     "sprung_mass": Assumable(
         "kg", None, 20.0, "car", "mass above the suspensions: what scales show, less four unsprung masses", "",
     ),
+    "spring_rate": Assumable(
+        "N/m", None, 500.0, "axle", "rate of a spring at its wheel, where that is given and not the sprung mass", "",
+    ),
+    "static_compression": Assumable(
+        "m", 0.13, 0.05, "car", "static load of a spring ÷ its rate, where only that is given",
+        "natural frequencies of 1.2 to 1.8 Hz",
+    ),
 }  # fmt: skip
 """Every value that may be assumed, by key."""
 

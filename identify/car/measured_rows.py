@@ -19,6 +19,7 @@ from lacet.identify.car.rows import (
     RELEASED,
     ROLL_AND_PITCH,
     ROWS,
+    SPRING_RATE,
     SPRUNG_MASS,
     Absence,
     Row,
@@ -101,7 +102,7 @@ def available(
         absent = tuple(channel for channel in lacking if not serves(sources.get(channel), channel, row))
         torque = torque_in(row, vehicle, measured, brakes)
         if row.kind == "body" and absent and not any(c in absent for c in leading(row)):
-            left_out[row] = RowAbsence(Absence.NO_KNOWN_LOAD, (SPRUNG_MASS,))
+            left_out[row] = RowAbsence(Absence.NO_KNOWN_LOAD, (SPRUNG_MASS, SPRING_RATE))
         elif row.kind == "body" and not absent and all(one in elsewhere for one in ROLL_AND_PITCH):
             left_out[row] = RowAbsence(Absence.MEASURED_ELSEWHERE, lacking)
         elif absent:

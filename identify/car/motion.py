@@ -178,6 +178,8 @@ class Motion:
     ahead : distance of ground lasers ahead of their wheels' centres [m], negative behind: the largest in magnitude.
     masses : known masses, of ``chassis`` and ``axle.{c}`` (what is unsprung at a corner) → (N,) [kg]; empty where wheel
         loads are measured. Their inertia is on the left side.
+    springs : known rates of springs by corner → (N,) [N/m], where one stands in for a known mass. Their force is on the
+        left side, too.
     road_height : height of a flat road at design position above the body origin, negative [m].
 
     Examples
@@ -202,6 +204,7 @@ class Motion:
     notes: tuple[RunNote, ...] = ()
     ahead: float = 0.0
     masses: Mapping[str, Array] = field(default_factory=dict[str, Array])
+    springs: Mapping[str, Array] = field(default_factory=dict[str, Array])
     road_height: float = 0.0
     _off: dict[tuple[tuple[str, ...], float, float], Motion] = field(
         default_factory=dict[tuple[tuple[str, ...], float, float], "Motion"], init=False, repr=False, compare=False
@@ -237,7 +240,7 @@ class Motion:
         the wheel load and of the torque on the wheel per unit of travel, and of those on the axle's other wheel where
         it moves too; a tyre row the load along the road normal; a
         spin row the moment and the torque about the wheel's axis; a body row a combination of these (`car.rows`). From
-        chassis and suspension rows the inertia of known masses is taken off.
+        chassis and suspension rows the inertia of known masses and the force of known springs are subtracted.
         """
         if row.kind == "body":
             return sum(
@@ -256,7 +259,8 @@ class Motion:
         if row.kind == "suspension":
             force = corner.force - self._inertia(row.place)
             own = dot(force, corner.dp_ds) + dot(corner.moment, corner.wheel_dphi_ds) + corner.torque_work
-            return own + self._work_of_other(other_corner(row.place))
+            spring = self.springs.get(row.place, 0.0) * corner.travel
+            return own + self._work_of_other(other_corner(row.place)) - spring
         if row.kind == "tyre":
             return dot(corner.force, corner.normal)
         return dot(corner.moment, corner.spin_axis) + corner.torque

@@ -93,8 +93,8 @@ _BY_TEXT: dict[str, Row] = {str(row): row for row in ROWS}
 
 ROLL_AND_PITCH = (CHASSIS_ROWS[3], CHASSIS_ROWS[4])
 """The chassis' rows that no run without wheel loads on the move has."""
-SPRUNG_MASS = "sprung_mass"
-"""The assumption that fixes the scale of all parameters where no load is measured (`daq.assumptions`)."""
+SPRUNG_MASS, SPRING_RATE = "sprung_mass", "spring_rate"
+"""Assumptions either of which fixes the scale of all parameters where no load is measured (`daq.assumptions`)."""
 
 PRESSURE = "brake.pressure"
 """Channel that shows whether the brakes are applied."""
@@ -128,7 +128,7 @@ class Absence(Enum):
     MEASURED_ELSEWHERE = auto()
     """The row would need assumptions on this run, and another run measures it."""
     NO_KNOWN_LOAD = auto()
-    """All terms of the row are in proportion to unknown parameters; a known load is needed, the sprung mass."""
+    """All terms of the row are in proportion to unknown parameters; the sprung mass or a spring must be given."""
 
 
 @dataclass(frozen=True)

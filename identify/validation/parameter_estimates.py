@@ -9,7 +9,7 @@ import numpy as np
 
 from lacet.daq.channels import CORNERS
 from lacet.identify.car.car_tree import AXLE, WHEEL
-from lacet.identify.car.rows import SPRUNG_MASS, Row, RowAbsence
+from lacet.identify.car.rows import SPRING_RATE, SPRUNG_MASS, Row, RowAbsence
 from lacet.identify.effects.base import Effect, columns_by_row
 from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.vectors import Array
@@ -79,7 +79,7 @@ class SeenAside:
 
 @dataclass(frozen=True)
 class GivenBeforehand:
-    """The parameter is a mass that the vehicle file gives, as `assumption`: no wheel load is measured."""
+    """The parameter, a mass or a spring's rate, is given as `assumption`: no wheel load is measured."""
 
     assumption: str
 
@@ -197,11 +197,13 @@ def _grouped(fitted: FittedModel, i: int, effect: Effect, runs: Sequence[Prepare
 
 
 def _given(name: str, runs: Sequence[PreparedRun]) -> str:
-    """Assumption that stands for a mass where no wheel load is measured; empty for other parameters and runs."""
-    if not runs or SPRUNG_MASS not in runs[0].recording.assumptions:
+    """Assumption that gives a mass or a spring's rate where no wheel load is measured; empty without one."""
+    if not runs:
         return ""
-    masses, vehicle = {"M6": SPRUNG_MASS}, runs[0].recording.vehicle
-    for c in CORNERS:
+    motion, vehicle = runs[0].kept_motion, runs[0].recording.vehicle
+    masses = {"M6": SPRUNG_MASS} if "chassis" in motion.masses else {}
+    masses |= {f"spring.{c}.k": vehicle.assumption(SPRING_RATE, c).name for c in motion.springs}
+    for c in CORNERS if masses else ():
         masses |= dict.fromkeys((f"M{AXLE[c]}", f"M{WHEEL[c]}"), vehicle.assumption("unsprung_mass", c).name)
     return masses.get(name, "")
 

@@ -11,7 +11,7 @@ import numpy as np
 from lacet.daq.assumptions import Assumption
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.vehicle import Corner
-from lacet.identify.car.rows import SPRUNG_MASS
+from lacet.identify.car.rows import SPRING_RATE, SPRUNG_MASS
 from lacet.identify.car.sources.attitude import attitude_by_gravity
 from lacet.identify.car.sources.car_bus import LATERAL, YAW_RATE, BusAccel, BusRates
 from lacet.identify.car.sources.nominal_load import NominalLoad
@@ -29,6 +29,8 @@ SPEEDS = ("correvit.speed", "car.speed", "gnss.speed")
 LEAST_LOAD = 100.0
 """Mean load of a wheel below which its travel is not taken from its load [N]."""
 _INERTIAL = ("imu.accel", "imu.rate")
+_OF_ANOTHER = 0.3
+"""1 σ of a spring's rate ÷ that of another axle's spring, for the horizontal forces of a corner whose is not known."""
 
 
 def completed(recording: Recording) -> Recording:
@@ -158,15 +160,26 @@ class _Completion:
         elif self._has(load := f"scale.{c}.load"):
             kinds = (Kind.ASSUMED, Kind.ASSUMED, Kind.MEASURED)
             self._add(LoadCell(corner, load, rig, *shares, outboard), Method.SCALE, kinds, (load, *_INERTIAL))
-        elif self._no_load and (sprung := self._assume(SPRUNG_MASS)).given:
+        elif self._no_load and (known := self._known_scale(c)):
             law = NominalLoad(
-                corner, rig, sprung, self._assume("unsprung_mass", c), outboard, self._assume("load_transfer", c),
-                *shares,
+                corner, rig, *known, self._assume("static_compression"), self._assume("unsprung_mass", c), outboard,
+                self._assume("load_transfer", c), *shares,
             )  # fmt: skip
             self._add(
                 law, Method.NOMINAL_LOAD, self._all(law.channel, Kind.ASSUMED), _INERTIAL, "chassis", "suspension",
                 "tyre", "spin",
             )  # fmt: skip
+
+    def _known_scale(self, c: str) -> tuple[Assumption | None, Assumption | None] | None:
+        """The sprung mass, or without it the rate of a corner's spring: its own, else that of a known one."""
+        if (sprung := self._assume(SPRUNG_MASS)).given:
+            return sprung, None
+        springs = {one: self._assume(SPRING_RATE, one) for one in (c, *CORNERS)}
+        given = [one for one in springs.values() if one.given]
+        if not given:
+            return None
+        own = springs[c]
+        return None, own if own.given else replace(own, value=given[0].value, tolerance=_OF_ANOTHER * given[0].value)
 
     @property
     def _no_load(self) -> bool:

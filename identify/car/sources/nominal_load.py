@@ -24,11 +24,16 @@ class NominalLoad(Law[Signals]):
     In the rows of the body F_z cancels; of the horizontal forces remains what the levers of the single patches differ
     from their mean, and what the slopes of the bench tables take. `outboard` : mass outside the transducer, which hub
     loads do not carry; None for contact loads.
+
+    What is known above the suspension is the car's `sprung` mass, or the rate of the corner's own `spring` and its
+    static `compression`: then the sprung mass is a parameter.
     """
 
     corner: Corner
     rig: Rig
-    sprung: Assumption
+    sprung: Assumption | None
+    spring: Assumption | None
+    compression: Assumption
     unsprung: Assumption
     outboard: Assumption | None
     transfer: Assumption
@@ -42,9 +47,10 @@ class NominalLoad(Law[Signals]):
 
     @property
     def assumptions(self) -> tuple[Assumption, ...]:
-        """Masses, load transfer, shares of the horizontal forces."""
-        outboard = () if self.outboard is None else (self.outboard,)
-        return (self.sprung, self.unsprung, *outboard, self.transfer, self.lateral, self.longitudinal)
+        """Masses or the spring, load transfer, shares of the horizontal forces."""
+        above = (self.sprung,) if self.sprung else (self.spring, self.compression)
+        every = (*above, self.unsprung, self.outboard, self.transfer, self.lateral, self.longitudinal)
+        return tuple(one for one in every if one is not None)
 
     def unsprung_mass(self, signals: Signals) -> Array:
         """(N,) what is unsprung inboard of the point that the wheel loads belong to [kg]."""
@@ -52,11 +58,28 @@ class NominalLoad(Law[Signals]):
 
     def series(self, signals: Signals) -> Series:
         """The force."""
-        mass = signals.assumed[self.sprung.name][0] / len(CORNERS) + self.unsprung_mass(signals)
+        mass = self._carried(signals) + self.unsprung_mass(signals)
         _, accel = corner_motion(self.corner, signals, self.rig, mass.size)
         moved = signals.assumed[self.transfer.name][0] * self.corner.side * accel[1] / GRAVITY
         force = shares(signals, self.lateral, self.longitudinal, mass * GRAVITY * (1.0 - moved), accel)
         return Series(force, np.zeros_like(force), np.zeros_like(force))
+
+    def _carried(self, signals: Signals) -> Array:
+        """(N,) sprung mass that the corner carries at rest [kg]."""
+        if self.sprung is not None:
+            return signals.assumed[self.sprung.name][0] / len(CORNERS)
+        assert self.spring is not None
+        return signals.assumed[self.spring.name][0] * signals.assumed[self.compression.name][0] / GRAVITY
+
+
+def known_springs(recording: Recording) -> dict[str, Array]:
+    """Known rates of springs where they stand in for a known mass, by corner → (N,) [N/m]; else empty."""
+    assumed = recording.signals.assumed
+    return {
+        law.corner.name: assumed[law.spring.name][0]
+        for law in recording.laws
+        if isinstance(law, NominalLoad) and law.spring is not None and law.spring.given
+    }
 
 
 def known_masses(recording: Recording) -> dict[str, Array]:
@@ -64,6 +87,7 @@ def known_masses(recording: Recording) -> dict[str, Array]:
     out: dict[str, Array] = {}
     for law in recording.laws:
         if isinstance(law, NominalLoad):
-            out["chassis"] = recording.signals.assumed[law.sprung.name][0]
+            if law.sprung is not None:
+                out["chassis"] = recording.signals.assumed[law.sprung.name][0]
             out[f"axle.{law.corner.name}"] = law.unsprung_mass(recording.signals)
     return out

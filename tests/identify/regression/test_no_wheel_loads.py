@@ -201,6 +201,24 @@ def test_every_parameter_is_in_proportion_to_the_mass() -> None:
         assert heavier.value(name) == pytest.approx(1.1 * found().value(name), rel=1e-3)
 
 
+def test_a_spring_s_known_rate_sets_the_scale(truth: dict[str, Any]) -> None:
+    """In place of the sprung mass, which is then identified; the spring is none of the parameters."""
+    given = """
+[assumed]
+spring_rate.front = { value = 24000, tolerance = 500, unit = "N/m", source = "bench" }
+unsprung_mass.front = { value = 56, tolerance = 3, unit = "kg", source = "drawing" }
+unsprung_mass.rear = { value = 48, tolerance = 3, unit = "kg", source = "drawing" }
+"""
+    fitted, right = fitted_to(moving(), Vehicle.parse(CAR.text + given)), {**expected(truth), "M6": 1270.0}
+    every = {e.name: e for e in estimates(fitted, None, fitted.runs)}
+    assert fitted.rows == BODY_ROWS
+    assert "spring_rate.front" in unidentified(every["spring.fl.k"].why)
+    for name in ("M6", "spring.rl.k", "spring.rr.k", "damper.fl.c", "damper.rr.c", *(f"{key}.k" for key in BARS)):
+        assert every[name].identifiable
+        assert abs(every[name].value - right[name]) < every[name].half_sheet < 0.3 * right[name], name
+    assert every["M6"].half_sheet > 2.0 * 500 / 24000 * 1270.0 > 3.0 * every["M6"].half
+
+
 def test_cross_weight_needs_corner_scales() -> None:
     """Three groups of the four static offsets without scales; four of them with a run that stands on scales."""
     fitted = found()
@@ -226,7 +244,7 @@ def test_what_is_impossible_is_named() -> None:
     assert refused.rows == ()
     left_out = refused.measured_rows.left_out
     assert {left_out[row].cause for row in BODY_ROWS} == {Absence.NO_KNOWN_LOAD}
-    assert "sprung_mass" in no_rows(left_out)
+    assert "give sprung_mass or spring_rate" in no_rows(left_out)
     assert not [law for law in refused.recording.laws if law.channel.startswith("wheel.")]
 
 
