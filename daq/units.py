@@ -57,6 +57,12 @@ TO_SI: dict[str, tuple[str, float]] = {
     "s²": ("s²", 1.0),
     "rad/m": ("rad/m", 1.0),
     "rad/(N·m)": ("rad/(N·m)", 1.0),
+    "m/N": ("m/N", 1.0),
+    "µm/N": ("m/N", 1e-6),
+    "mm/kN": ("m/N", 1e-6),
+    "rad/N": ("rad/N", 1.0),
+    "µrad/N": ("rad/N", 1e-6),
+    "deg/kN": ("rad/N", 1e-3 * _DEG),
 }
 
 _SPELLINGS = str.maketrans({"*": "·", "^": ""})

@@ -84,6 +84,8 @@ def _plain(state: str, rows: str, run: str, beside: str, hidden: str = "", size:
     return Case(state, run, rows, hidden, size, beside=beside)
 
 
+_ON_LINKAGES = "Of axles with bench tables alone: [on the second car](benchmarks/second-car.md#what-a-diagnosis-names)."
+
 CASES: dict[str, Case] = {
     "anti_roll_bar": _suspension(
         "anti_roll_bar", 15e3, "travel difference across the axle", "rough grade=C duration=24", "kerb"
@@ -170,6 +172,8 @@ CASES: dict[str, Case] = {
     "tyre_side_compliance": Case(
         how="none", why="The simulated tyre does not give way sideways, so that there is nothing to draw."
     ),
+    "lateral_compliance": Case(how="none", why=_ON_LINKAGES),
+    "longitudinal_compliance": Case(how="none", why=_ON_LINKAGES),
     "body": _share("lateral acceleration", "chassis.fy", STEERING, BUMPY),
     "spring": _share("travel", "suspension.fl"),
     "damper": _share("travel rate", "suspension.fl"),

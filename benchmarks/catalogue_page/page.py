@@ -18,6 +18,8 @@ from lacet.identify.car.rows import ROWS
 from lacet.identify.effects.base import Effect, Parameter, is_sensor_fault
 from lacet.identify.effects.catalogue import catalogue, effect_classes
 from lacet.identify.effects.excluded import EXCLUDED, ExcludedEffect
+from lacet.simulate.linkage import SecondCar
+from lacet.simulate.vehicle_file import vehicle_text
 
 PAGE = Path(__file__).parents[2] / "docs" / "catalogue.md"
 PICTURES = PAGE.parent / "images" / "effects"
@@ -94,13 +96,18 @@ def group_of(cls: type[Effect]) -> str:
 
 
 def variants() -> dict[str, list[Effect]]:
-    """Every variant on the reference car, by family, wherever its loads are measured and in each of `RUNS`."""
+    """Every variant on the reference car, by family, wherever its loads are measured and in each of `RUNS`.
+
+    Of families that it does not have, those of a car with bench tables.
+    """
     vehicle, rig = Vehicle.load(CAR), Rig.load(RIG)
+    benched = Vehicle.parse(vehicle_text(SecondCar.named("second")))
     out: dict[str, list[Effect]] = {}
-    for at in (rig.wheel_reference, "hub", "contact"):
-        for effect in catalogue(vehicle, at, runs=RUNS).values():
+    for car, at in ((vehicle, rig.wheel_reference), (vehicle, "hub"), (vehicle, "contact"), (benched, "contact")):
+        before = set(out) if car is benched else set[str]()
+        for effect in catalogue(car, at, runs=RUNS).values():
             known = out.setdefault(effect.name, [])
-            if effect.key not in [one.key for one in known]:
+            if effect.name not in before and effect.key not in [one.key for one in known]:
                 known.append(effect)
     return out
 

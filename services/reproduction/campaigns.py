@@ -33,8 +33,10 @@ from lacet.services.timing.usual import drives_plan, stretch
 from lacet.services.workspace.decode import decode_log
 from lacet.services.workspace.loading import load
 from lacet.services.workspace.results import fit_result
-from lacet.simulate import START_NS, Hidden, Sheet, SimulatedMotion, exchange_run, find_car, make_manoeuvre, measure
+from lacet.simulate import START_NS, Hidden, Sheet, exchange_run, make_manoeuvre, measure
 from lacet.simulate import run as drive
+from lacet.simulate.known_cars import known_car
+from lacet.simulate.motion import CarMotion
 from lacet.simulate.vehicle_file import vehicle_text
 
 HOUR_NS = 3_600_000_000_000
@@ -64,6 +66,29 @@ class Campaign:
     def shortened(self, seconds: float) -> Campaign:
         """The campaign with runs of this duration [s]."""
         return replace(self, manoeuvres=tuple((n, {**s, "duration": seconds}) for n, s in self.manoeuvres))
+
+
+PAPER = "paper"
+"""Cars of the campaigns that have the paper's values."""
+OF_LINKAGES = (
+    "anti_roll_bar.front", "anti_roll_bar.rear", "axle_damping.rear", "spring_quadratic.front", "spring_quadratic.rear",
+)  # fmt: skip
+"""Effects beyond the base model that are fitted to a car on linkages: bars, dampers that both wheels move, rates that
+change with the travel."""
+ON_A_ROAD = ("damper_stroke.front", "damper_stroke.rear", "damper_mount.front", "damper_mount.rear")
+"""Further ones that a road shows, of dampers; steering and lift-off on a plane have one frequency, at which a mount is
+a rate and a mass."""
+
+
+def campaigns_of(car: str) -> tuple[Campaign, ...]:
+    """Both campaigns with the paper's values, or with a car on linkages, whose vehicle file has its bench's tables."""
+    plane, road = simulation(), experiment()
+    if car == PAPER:
+        return plane, road
+    return (
+        replace(plane, car=car, effects=OF_LINKAGES),
+        replace(road, car=car, hidden=(), effects=(*OF_LINKAGES, *ON_A_ROAD)),
+    )
 
 
 def simulation() -> Campaign:
@@ -149,7 +174,7 @@ def drive_all(campaign: Campaign, places: Places, seed: int, progress: Progress)
     runs = [places.run(campaign, name) for name, _ in campaign.manoeuvres]
     if places.truth.is_file() and all(file.is_file() for file in (*runs, places.rig, places.vehicle)):
         return
-    car, rig = find_car(campaign.car), Rig.load(campaign.rig)
+    car, rig = known_car(campaign.car), Rig.load(campaign.rig)
     places.folder.mkdir(parents=True, exist_ok=True)
     text = vehicle_text(car)
     _write(places.rig, rig.text)
@@ -177,7 +202,7 @@ def drive_all(campaign: Campaign, places: Places, seed: int, progress: Progress)
     _write(places.truth, json.dumps(plain({"format": "lacet-truth 1", "runs": truths}), indent=1) + "\n")
 
 
-def _over_wires(file: Path, motion: SimulatedMotion, rig: Rig, vehicle: str, seed: int, start_ns: int) -> None:
+def _over_wires(file: Path, motion: CarMotion, rig: Rig, vehicle: str, seed: int, start_ns: int) -> None:
     """Write the sensors' signals as a capture of bytes, and decode it by the drivers."""
     raw = file.with_name(f"raw-{file.name}")
     blocks = measure(motion, rig, seed, sheet=Sheet(seed=seed), start_ns=start_ns)

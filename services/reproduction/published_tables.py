@@ -47,6 +47,11 @@ class Line:
         """Whether the line is a static offset of a suspension, which depends on the paper's zero of travel."""
         return self.key.startswith("offset.")
 
+    @property
+    def of_friction(self) -> bool:
+        """Whether the line is a suspension's friction, which not every car has."""
+        return self.key.startswith("coulomb.")
+
 
 Printed = tuple[float | None, float | None, float | None]
 """A-priori value, estimate and sxr [%] as printed."""

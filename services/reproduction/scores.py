@@ -9,6 +9,7 @@ from typing import Any
 from lacet.daq.channels import CORNERS
 from lacet.services.render.tables import number, table
 from lacet.services.reproduction.published_tables import SPIN_ROWS, TITLES, Line
+from lacet.services.reproduction.second_car_truth import second_car_values
 
 MET, MISSED, WITHOUT = "met", "missed", "not identifiable"
 
@@ -30,6 +31,11 @@ class Scored:
     remark: str
 
     @property
+    def within(self) -> bool | None:
+        """Whether the truth is in lacet's interval, whatever the paper's error; None where it is not identifiable."""
+        return None if self.error is None or self.half95 is None else abs(self.error) <= self.half95
+
+    @property
     def error(self) -> float | None:
         """Error of lacet's estimate [unit]."""
         return None if self.estimate is None else self.estimate - self.truth
@@ -49,6 +55,7 @@ class Scored:
             "error": self.error,
             "allowed": self.allowed,
             "verdict": self.verdict,
+            "within": self.within,
             "remark": self.remark,
         }
 
@@ -69,15 +76,24 @@ def score(line: Line, truth: Mapping[str, Any], fit: Mapping[str, Any], simulati
             why += f"; from the chassis rows alone {number(value, half)} ± {number(half, half)} {line.unit}"
         return Scored(line, real, None, None, None, WITHOUT, why)
     estimate, half = line.scale * found[0], abs(line.scale) * found[1]
-    allowed = max(half, abs(line.error)) if simulation and line.error is not None else half
+    allowed = max(half, _papers_error(line, real)) if simulation else half
     error = abs(estimate - real)
     verdict = MET if error <= allowed else MISSED
     remark = f"{error / half:.1f} times our half-width" if verdict == MISSED else ""
     return Scored(line, real, estimate, half, allowed, verdict, remark)
 
 
+def _papers_error(line: Line, truth: float) -> float:
+    """The paper's own error [unit], of a value other than its own in proportion; 0 where it printed none."""
+    if line.error is None:
+        return 0.0
+    return abs(line.error * truth / line.apriori) if line.apriori else abs(line.error)
+
+
 def true_value(key: str, truth: Mapping[str, Any]) -> float:
     """True value by lacet's name, SI and body axes, from a run of a truth file. Raises KeyError."""
+    if "design" in truth:
+        return second_car_values(truth)[key]
     car = truth["car"]
     whole = car["whole"]
     tensor = whole["tensor"]
@@ -128,19 +144,32 @@ def _left_out(row: str, fit: Mapping[str, Any]) -> str:
     return next(iter(reasons.values())) if reasons and len(reasons) == len(fit["rows"]["used"]) else ""
 
 
-def print_tables(lines: Sequence[Scored], simulation: bool) -> str:
-    """The tables of lacet's estimates beside the paper's, as text."""
+def print_tables(lines: Sequence[Scored], simulation: bool, own_car: bool = False) -> str:
+    """The tables of lacet's estimates beside the paper's, as text; of another car beside the paper's errors alone."""
     parts: list[str] = []
     for which in sorted({s.line.table for s in lines}):
-        rows = [_cells(s, simulation) for s in lines if s.line.table == which]
-        if simulation:
+        rows = [(_cells_of_other_car if own_car else _cells)(s, simulation) for s in lines if s.line.table == which]
+        if own_car:
+            head = [
+                "parameter",
+                "unit",
+                "truth",
+                "paper's error",
+                "sxr %",
+                "lacet",
+                "error",
+                "95 %",
+                "verdict",
+                "in 95 %",
+            ]
+        elif simulation:
             head = ["parameter", "unit", "a priori", "paper", "error", "sxr %", "lacet", "error", "95 %", "verdict"]
         else:
             head = ["parameter", "unit", "paper = truth", "sxr %", "lacet", "error", "95 %", "verdict"]
         text = f"Table {which}: {TITLES[which]}\n{table(head, rows, text_columns=2)}"
         notes: dict[str, list[str]] = {}
         for s in (s for s in lines if s.line.table == which):
-            for note in filter(None, (s.line.note, s.remark)):
+            for note in filter(None, ("" if own_car else s.line.note, s.remark)):
                 notes.setdefault(note, []).append(s.line.name)
         parts.append("\n".join([text, *(f"  {', '.join(names)}: {note}" for note, names in notes.items())]))
     return "\n\n".join(parts)
@@ -157,6 +186,14 @@ def _cells(s: Scored, simulation: bool) -> list[str]:
         return [line.name, line.unit, truth, sxr, *ours, s.verdict]
     paper = "-" if line.estimated is None else f"{line.estimated:g}" if line.offset else f"{line.estimated:.8g}"
     return [line.name, line.unit, truth, paper, _error(line.error, line.apriori), sxr, *ours, s.verdict]
+
+
+def _cells_of_other_car(s: Scored, simulation: bool) -> list[str]:
+    """Cells of a line of another car: its truth, the paper's error in the simulation, and both rules."""
+    name, unit, *_, sxr, estimate, error, half, verdict = _cells(s, simulation)
+    paper = _error(s.line.error, s.line.apriori) if simulation else "-"
+    within = "-" if s.within is None else "yes" if s.within else "no"
+    return [name, unit, f"{s.truth + 0.0:.7g}", paper, sxr, estimate, error, half, verdict, within]
 
 
 def _error(error: float | None, truth: float | None) -> str:

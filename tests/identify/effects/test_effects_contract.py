@@ -127,6 +127,7 @@ _DIMENSION: dict[str, Dimension] = {
 }  # fmt: skip
 _UNITS: dict[str, Dimension] = {
     "N": (1, 1, -2), "kg": (1, 0, 0), "m": (0, 1, 0), "s": (0, 0, 1), "rad": (0, 0, 0), "-": (0, 0, 0),
+    "µm": (0, 1, 0), "µrad": (0, 0, 0),
 }  # fmt: skip
 SCALE = (1.7, 2.3, 0.6)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from typing import Any
 
 import pytest
@@ -14,6 +15,8 @@ from lacet.identify.properties.whole_vehicle import NAMES, UNITS
 from lacet.services.reproduction.published_tables import LINES, SPIN_ROWS, Line
 from lacet.services.reproduction.scores import MET, MISSED, WITHOUT, print_tables, score, true_value
 from lacet.simulate import find_car
+from lacet.simulate.linkage import SecondCar
+from lacet.simulate.linkage.truth import design_truth
 
 VEHICLE = Vehicle.load("peugeot-406")
 TRUTH: dict[str, Any] = {"car": find_car("peugeot-406").truth(), "hidden": []}
@@ -133,3 +136,34 @@ def test_what_the_fit_lacks_is_not_identifiable_and_nothing_is_printed_for_it():
     assert "ks9: no travel" in text
     assert "22295.78" in text
     assert "nan" not in text
+
+
+SECOND: dict[str, Any] = {
+    "car": SecondCar.named("second").truth(), "design": design_truth(SecondCar.named("second")), "hidden": [],
+}  # fmt: skip
+
+
+def test_values_of_a_car_on_linkages_are_those_of_its_mechanism():
+    """As docs/second-car.md has them: rates in heave, the coupling as bar, dampers by both wheels, mass and tyres."""
+    expected = {
+        "mass": 1520.0, "cog.z": 0.25, "Ixx": 560.0, "Ixz": -15.0, "spring.fl.k": 21_825.0, "spring.rr.k": 17_776.0,
+        "anti_roll_bar.front.k": 3_253.0, "anti_roll_bar.rear.k": 4_034.0, "damper.rl.c": 3_752.0,
+        "tyre_stiffness.fr.kt": 215_000.0, "ZZ14": 1.06,
+    }  # fmt: skip
+    for key, value in expected.items():
+        assert true_value(key, SECOND) == pytest.approx(value, rel=2e-4), key
+    loads = SECOND["car"]["static_loads"]
+    assert loads["rl"] - 9.81 * 50.0 < true_value("offset.rl.f0", SECOND) < loads["rl"] - 9.81 * 40.0
+    assert all(math.isfinite(true_value(one.key, SECOND)) for one in LINES if not one.of_friction)
+
+
+def test_of_another_car_the_paper_s_error_counts_in_proportion_and_both_rules_are_printed():
+    of = line(2, "ks27")  # 3.417 % in the paper
+    truth = true_value(of.key, SECOND)
+    near, far = (score(of, SECOND, result(of.key, part * truth, 10.0), True) for part in (1.034, 1.035))
+    assert (near.verdict, near.within) == (MET, False)
+    assert far.verdict == MISSED
+    text = print_tables([near, far], True, own_car=True)
+    assert text.count("no") >= 2
+    assert "+3.417 %" in text
+    assert "20683" not in text
