@@ -138,6 +138,11 @@ RIGS: dict[str, StudyRig] = {
     "bus": StudyRig(
         "three-axis hubs, yaw rate and lateral acceleration", lambda n: n.endswith(".force"), bus, unit=False
     ),
+    "ground": StudyRig(
+        "no wheel load, the sprung mass known, ground lasers",
+        lambda n: no_loads(n) or n.endswith(".ground"),
+        given="mass",
+    ),
     "spring": StudyRig("no wheel load, the rate of the front springs known", no_loads, given="spring"),
 }
 

@@ -87,7 +87,7 @@ def available(
     """Rows whose left side is known, row → its torques; and every other row → why it is absent.
 
     `sources` : where channels that are not `measured` come from; `elsewhere` : rows that another run measures,
-    which are not taken on assumptions here. Body rows say nothing beside measured wheel loads: with any they are in
+    which are not taken on assumptions here. Combined rows say nothing beside measured wheel loads: with any they are in
     neither.
     """
     rows: dict[Row, Torque] = {}
@@ -95,15 +95,15 @@ def available(
     loads = [f"wheel.{c}.force" for c in CORNERS]
     known = any(c in measured or (c in sources and sources[c].method is not Method.NOMINAL_LOAD) for c in loads)
     for row in ROWS:
-        if row.kind == "body" and known:
+        if row.combined and known:
             continue
         needed = needs(row, reference, grounds, vehicle)
         lacking = tuple(channel for channel in needed if channel not in measured)
         absent = tuple(channel for channel in lacking if not serves(sources.get(channel), channel, row))
         torque = torque_in(row, vehicle, measured, brakes)
-        if row.kind == "body" and absent and not any(c in absent for c in leading(row)):
+        if row.combined and absent and not any(c in absent for c in leading(row)):
             left_out[row] = RowAbsence(Absence.NO_KNOWN_LOAD, (SPRUNG_MASS, SPRING_RATE))
-        elif row.kind == "body" and not absent and all(one in elsewhere for one in ROLL_AND_PITCH):
+        elif row.combined and not absent and all(one in elsewhere for one in ROLL_AND_PITCH):
             left_out[row] = RowAbsence(Absence.MEASURED_ELSEWHERE, lacking)
         elif absent:
             left_out[row] = RowAbsence(Absence.CHANNELS, fewest(row, absent))

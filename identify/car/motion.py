@@ -238,11 +238,11 @@ class Motion:
 
         Chassis rows are ΣF and Σ(M + r × F) about the body origin in body axes; a suspension row is the virtual work of
         the wheel load and of the torque on the wheel per unit of travel, and of those on the axle's other wheel where
-        it moves too; a tyre row the load along the road normal; a
-        spin row the moment and the torque about the wheel's axis; a body row a combination of these (`car.rows`). From
-        chassis and suspension rows the inertia of known masses and the force of known springs are subtracted.
+        it moves too; a tyre row the load along the road normal; a spin row the moment and the torque about the wheel's
+        axis; a combined row a combination of these (`car.rows`). From chassis and suspension rows the inertia of known
+        masses and the force of known springs are subtracted.
         """
-        if row.kind == "body":
+        if row.combined:
             return sum(
                 (weight * self.measured(part) for part, weight in self.weights(row).items()), np.zeros(self.t.size)
             )
@@ -280,13 +280,20 @@ class Motion:
         return 0.0 if mass is None else mass * self.corners[corner].centre_accel
 
     def weights(self, row: Row) -> dict[Row, Array | float]:
-        """Weights of the rows that a body row is a combination of: 1, or lengths [m], (N,) or scalar.
+        """Weights of the rows that a combined row consists of: 1, or lengths [m], (N,) or scalar.
 
         ``heave`` = f_z − Σ suspension, ``roll`` = m_x − Σ y suspension + z̄ f_y and
         ``pitch`` = m_y + Σ x suspension − z̄ f_x, with x, y the wheel's centre and z̄ the mean height of the contact
         patches above the body origin. A vertical force at a wheel cancels; horizontal ones remain with the small lever
-        of their own patch to the mean one, and with the slopes of the bench tables.
+        of their own patch to the mean one, and with the slopes of the bench tables. ``corner.{c}`` = suspension −
+        tyre × rise of the wheel along the road's normal per travel.
         """
+        if row.kind == "corner":
+            own, other = self.corners[row.place], self.corners[other_corner(row.place)]
+            upward: dict[Row, Array | float] = {Row(f"tyre.{row.place}"): -own.dp_ds[2] / own.normal[2]}
+            if other.other_dp_ds is not None:
+                upward[Row(f"tyre.{other_corner(row.place)}")] = -other.other_dp_ds[2] / other.normal[2]
+            return {Row(f"suspension.{row.place}"): 1.0, **upward}
         force, moment, axis, sign = _BALANCED[row.place]
         out: dict[Row, Array | float] = {CHASSIS_ROWS[moment]: 1.0}
         if force is not None:
@@ -297,13 +304,13 @@ class Motion:
         return out
 
     def with_body_rows(self, rows: Mapping[Row, Array]) -> dict[Row, Array]:
-        """Series (…, N) of rows, and of the body rows of this motion that they act on.
+        """Series (…, N) of rows, and of the combined rows of this motion that they act on.
 
-        The one place where body rows are made of other rows; a motion without body rows returns the same series.
+        The one place where these are made of other rows; a motion without combined rows returns the same series.
         """
         out = dict(rows)
         for row in self.rows:
-            if row.kind == "body":
+            if row.combined:
                 parts = [weight * rows[part] for part, weight in self.weights(row).items() if part in rows]
                 if parts:
                     out[row] = np.sum(parts, axis=0)

@@ -18,6 +18,7 @@ loads are ``contact`` loads, of those inboard of the transducer where they are `
 - ``spin.{c}``: n·M + T_shaft − T_brake = I ω̇, ω̇ in space: that of the wheel on its carrier and of the carrier.
 - ``body.heave``, ``body.roll``, ``body.pitch``: combinations of chassis and suspension rows in which vertical forces
   of the wheels cancel (`Motion.weights`). They are formed where no wheel load is measured and the sprung mass is known.
+- ``corner.{c}``: likewise of the suspension and the tyre row: the wheel's load by its tyre's deflection.
 
 Torques are positive when they drive (shaft) and when they slow (brake) a wheel that rolls forward. Docs: rows.md.
 """
@@ -62,8 +63,13 @@ class Row(str):
 
     @property
     def kind(self) -> str:
-        """``chassis``, ``suspension``, ``tyre``, ``spin`` or ``body``."""
+        """``chassis``, ``suspension``, ``tyre``, ``spin``, ``body`` or ``corner``."""
         return self.partition(".")[0]
+
+    @property
+    def combined(self) -> bool:
+        """Whether it is a combination of other rows in which vertical wheel forces cancel: of the body or a corner."""
+        return self.kind in ("body", "corner")
 
     @property
     def place(self) -> str:
@@ -87,7 +93,8 @@ SUSPENSION_ROWS = tuple(Row(f"suspension.{c}") for c in CORNERS)
 TYRE_ROWS = tuple(Row(f"tyre.{c}") for c in CORNERS)
 SPIN_ROWS = tuple(Row(f"spin.{c}") for c in CORNERS)
 BODY_ROWS = tuple(Row(f"body.{motion}") for motion in ("heave", "roll", "pitch"))
-ROWS = (*CHASSIS_ROWS, *SUSPENSION_ROWS, *TYRE_ROWS, *SPIN_ROWS, *BODY_ROWS)
+CORNER_ROWS = tuple(Row(f"corner.{c}") for c in CORNERS)
+ROWS = (*CHASSIS_ROWS, *SUSPENSION_ROWS, *TYRE_ROWS, *SPIN_ROWS, *BODY_ROWS, *CORNER_ROWS)
 """Every row of the equations, in the order of all reports."""
 _BY_TEXT: dict[str, Row] = {str(row): row for row in ROWS}
 
@@ -103,13 +110,14 @@ RELEASED = 1e5
 
 
 def body_levers(vehicle: Vehicle) -> dict[Row, float]:
-    """Proportions of the residuals of the body's rows: levers with which an error of one suspension's force enters.
+    """Proportions of the residuals of combined rows: levers with which an error of one suspension's force enters.
 
-    1 for heave; for roll and pitch the RMS distance of the wheel centres from the body's origin in y and x [m].
+    1 for heave and corners; for roll and pitch the RMS distance of the wheel centres from the body's origin in y and x
+    [m].
     """
     x, y = (np.array([corner.position[axis] for corner in vehicle.corners.values()]) for axis in (0, 1))
     roll, pitch = (float(np.sqrt(np.mean(lever**2))) for lever in (y, x))
-    return dict(zip(BODY_ROWS, (1.0, roll, pitch), strict=True))
+    return {**dict(zip(BODY_ROWS, (1.0, roll, pitch), strict=True)), **dict.fromkeys(CORNER_ROWS, 1.0)}
 
 
 class Absence(Enum):
@@ -157,6 +165,10 @@ def needs(
             "camera.{c}.camber",
         )  # fmt: skip
         return imu + tuple(pattern.format(c=c) for c in CORNERS for pattern in per_corner)
+    if kind == "corner":
+        parts = (f"suspension.{name}", f"tyre.{name}", *_tyre_of_other(name, vehicle))
+        every = [c for part in parts for c in needs(_BY_TEXT[part], reference, grounds, vehicle)]
+        return tuple(dict.fromkeys((*every, *(f"laser.{c}.hub" for c in CORNERS))))
     attitude = (f"camera.{name}.steer", f"camera.{name}.camber")
     moment, speed, hub = f"wheel.{name}.moment", f"wheel.{name}.speed", f"laser.{name}.hub"
     turns = vehicle is None or _turns(vehicle.corners[name])
@@ -169,6 +181,12 @@ def needs(
         own = (f"wheel.{name}.force", f"laser.{name}.ground", hub, *attitude)
         return tuple(dict.fromkeys((*own, *road, *(imu if reference == "hub" else ()), *coupled)))
     return (moment, speed, *((hub,) if turns else ()), *attitude, "imu.rate", *coupled)
+
+
+def _tyre_of_other(name: str, vehicle: Vehicle | None) -> tuple[str, ...]:
+    """Tyre row of the axle's other wheel where its load is in the suspension row of this one."""
+    other = other_corner(name)
+    return (f"tyre.{other}",) if vehicle is not None and vehicle.corners[other].follows_other else ()
 
 
 def _by_other_wheel(row: Row, vehicle: Vehicle) -> tuple[str, ...]:
@@ -201,6 +219,9 @@ def leading(row: Row) -> dict[str, tuple[int, ...]]:
         out["imu.accel"] = tuple("xyz".index(k) for k in inertial if k in "xyz")
         out["imu.rate"] = tuple("pqr".index(k) for k in inertial if k in "pqr")
         return out
+    if row.kind == "corner":
+        hubs = {f"laser.{c}.hub": (0,) for c in CORNERS}
+        return {**hubs, f"laser.{row.place}.ground": (0,), "imu.accel": (2,)}
     force, hub = {f"wheel.{row.place}.force": (2,)}, {f"laser.{row.place}.hub": (0,)}
     if row.kind == "suspension":
         return {**force, **hub, "imu.accel": (2,)}

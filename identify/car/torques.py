@@ -13,7 +13,7 @@ import numpy as np
 from lacet.daq.channels import CORNERS, other_corner
 from lacet.daq.joint_tables import PLACE, JointCurve
 from lacet.daq.vehicle import Corner, Vehicle
-from lacet.identify.car.rows import BODY_ROWS, PRESSURE, SUSPENSION_ROWS, Absence, Row, RowAbsence
+from lacet.identify.car.rows import BODY_ROWS, CORNER_ROWS, PRESSURE, SUSPENSION_ROWS, Absence, Row, RowAbsence
 
 SMALL_SLOPE = 0.01
 """Rotation of a half-shaft per unit of travel that is neglected while outboard brakes act [rad/m].
@@ -61,6 +61,9 @@ def torque_in(row: Row, vehicle: Vehicle, measured: Container[str], brakes: str)
         return _with(own, {other.name: _suspension_torque(other, _shaft_slope_by_other(other), measured, brakes)})
     if row.kind == "spin":
         return _spin_torque(vehicle.corners[row.place], measured, brakes)
+    if row.kind == "corner":
+        own = f"suspension.{row.place}"
+        return _with(Torque(), {row.place: torque_in(Row.parse(own), vehicle, measured, brakes)})
     if row.kind == "body":
         return _with(Torque(), {r.place: torque_in(r, vehicle, measured, brakes) for r in SUSPENSION_ROWS})
     return Torque()
@@ -74,9 +77,10 @@ def _with(own: Torque, each: Mapping[str, Torque]) -> Torque:
 
 
 def suspension_torque(rows: Mapping[Row, Torque], corner: str) -> Torque:
-    """The torques in a corner's suspension row, by itself or as a part of a body row, of `rows` → their torques."""
+    """The torques in a corner's suspension row, by itself or as a part of a combined row, of `rows` → their torques."""
     found = rows.get(SUSPENSION_ROWS[CORNERS.index(corner)])
-    bodies = (rows[row].corners[corner] for row in BODY_ROWS if row in rows)
+    combined = (rows[row].corners for row in (*BODY_ROWS, *CORNER_ROWS) if row in rows)
+    bodies = (corners[corner] for corners in combined if corner in corners)
     return found or next(bodies, Torque())
 
 

@@ -80,7 +80,7 @@ def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[
     """
     if "M6" not in knowledge.names:
         return []
-    if any(row.kind == "body" for row in fitted.rows) and not any(row in SUSPENSION_ROWS for row in fitted.rows):
+    if any(row.combined for row in fitted.rows) and not any(row in SUSPENSION_ROWS for row in fitted.rows):
         return inseparable_sums(fitted, knowledge)
     table = corner_numbers(fitted)
     x = table @ fitted.physics

@@ -147,7 +147,7 @@ def estimates(fitted: FittedModel, drawn: Array | None = None, runs: Sequence[Pr
         blocks = 0.5 * np.asarray(np.ptp(np.percentile(drawn, (2.5, 97.5), axis=0), axis=0), float)
     owners = [effect for effect in (*fitted.model.physics, *fitted.model.faults) for _ in effect.parameters]
     physics = len(fitted.physics)
-    aside = any(row.kind == "body" for row in fitted.sigma)
+    aside = any(row.combined for row in fitted.sigma)
     for i, (parameter, effect) in enumerate(zip(fitted.model.parameters, owners, strict=True)):
         value = float(fitted.theta[i])
         group, why = parameter.name, None

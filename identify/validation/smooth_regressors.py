@@ -48,6 +48,8 @@ MODEL_STATES: Mapping[str, tuple[str, ...]] = {
     "suspension": ("travel", "travel rate", "vertical acceleration"),
     "tyre": ("tyre deflection", "vertical acceleration"),
     "spin": (),
+    "corner": ("travel", "travel rate", "tyre deflection", "travel difference across the axle",
+               "vertical acceleration"),
     "body": ("lateral acceleration", "longitudinal acceleration", "vertical acceleration", "roll acceleration",
              "pitch acceleration", "heave", "roll of the wheels", "pitch of the wheels", "heave, rate",
              "roll of the wheels, rate", "pitch of the wheels, rate"),

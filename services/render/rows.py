@@ -16,7 +16,8 @@ _MOST_INTERVALS = 3
 LEVELS = (FAILS, 1.6, 2.5, 6.0)
 """Residual ÷ floor above which a row is drawn at the next of five levels of colour."""
 
-_KINDS = {"suspension": ("Susp", "suspension"), "tyre": ("Tyre", "tyre"), "spin": ("Spin", "wheel spin")}
+_KINDS = {"suspension": ("Susp", "suspension"), "tyre": ("Tyre", "tyre"), "spin": ("Spin", "wheel spin"),
+          "corner": ("Corner", "suspension less tyre")}  # fmt: skip
 CORNER_WORDS = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
 """The corners in words."""
 _CHASSIS = {

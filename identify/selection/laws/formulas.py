@@ -14,7 +14,7 @@ from zlib import crc32
 import numpy as np
 
 from lacet.daq.channels import CORNERS
-from lacet.identify.car.rows import SUSPENSION_ROWS, Row
+from lacet.identify.car.rows import SUSPENSION_ROWS, TYRE_ROWS, Row
 from lacet.identify.effects.base import AXLES
 from lacet.identify.effects.language.compiled import OneLine, effect_class
 from lacet.identify.effects.language.parser import read_line
@@ -107,7 +107,9 @@ def _places(rows: Sequence[Row]) -> list[tuple[str, str]]:
     axles = {corner: axle for axle, corners in AXLES.items() for corner in corners}
     out: list[tuple[str, str]] = []
     for row in rows:
-        if row.kind == "body":
+        if row.kind == "corner":
+            out += [(kind, axles[row.place]) for kind in (SUSPENSION_ROWS[0].kind, TYRE_ROWS[0].kind)]
+        elif row.kind == "body":
             out += [(SUSPENSION_ROWS[0].kind, axle) for axle in AXLES]
         else:
             out.append((str(row), "") if row.kind == "chassis" else (row.kind, axles[row.place]))

@@ -144,7 +144,7 @@ def column_faults(runs: Sequence[PreparedRun]) -> list[EquationFault]:
     another place explains columns that seem late. Runs without measured wheel loads are passed over: in rows of the
     body alone the car's parameters take any scale of a column (the height of the centre of gravity that of a_x).
     """
-    runs = [next(iter(run.pieces())) for run in runs if any(row.kind != "body" for row in run.rows)]
+    runs = [next(iter(run.pieces())) for run in runs if not all(row.combined for row in run.rows)]
     products = [FaultColumns.of(run) for run in runs]
     each = [(run, found) for run, found in zip(runs, products, strict=True) if found is not None]
     out = [fault for run, found in each if (fault := _fault(run, found)) is not None]

@@ -30,7 +30,7 @@ from lacet.services.render.figures.png import charts_png
 from lacet.services.render.figures.study_plots import WIDTH, comparison_charts
 from lacet.services.render.rows import colour_words
 
-_KINDS = ("chassis", "suspension", "tyre", "spin", "body")
+_KINDS = ("chassis", "suspension", "tyre", "spin", "body", "corner")
 _FREQUENCIES = (0.2, 0.5, 1.0, 2.0, 5.0)
 
 

@@ -9,17 +9,31 @@ import pytest
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.errors import UsageError
-from lacet.identify.car.rows import BODY_ROWS, CHASSIS_ROWS, ROWS, SPIN_ROWS, SUSPENSION_ROWS, TYRE_ROWS, Row
+from lacet.identify.car.rows import (
+    BODY_ROWS,
+    CHASSIS_ROWS,
+    CORNER_ROWS,
+    ROWS,
+    SPIN_ROWS,
+    SUSPENSION_ROWS,
+    TYRE_ROWS,
+    Row,
+)
 
 
 def test_every_row_has_its_parts():
     """A kind and a place make the text; a corner where there is one; moments in N·m."""
-    assert len(set(ROWS)) == len(ROWS) == 21
+    assert len(set(ROWS)) == len(ROWS) == 25
     for row in ROWS:
         assert isinstance(row, Row)
         assert row == f"{row.kind}.{row.place}"
         assert (row.corner is None) == (row in (*CHASSIS_ROWS, *BODY_ROWS))
-    for kind, rows in (("suspension", SUSPENSION_ROWS), ("tyre", TYRE_ROWS), ("spin", SPIN_ROWS)):
+    for kind, rows in (
+        ("suspension", SUSPENSION_ROWS),
+        ("tyre", TYRE_ROWS),
+        ("spin", SPIN_ROWS),
+        ("corner", CORNER_ROWS),
+    ):
         assert [(row.kind, row.corner) for row in rows] == [(kind, corner) for corner in CORNERS]
     assert {row.kind for row in CHASSIS_ROWS} == {"chassis"}
     assert {row.kind for row in BODY_ROWS} == {"body"}

@@ -14,7 +14,7 @@ from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import reconstruct
 from lacet.identify.car.measured_rows import available
-from lacet.identify.car.rows import BODY_ROWS, RELEASED, ROWS, Row, needs
+from lacet.identify.car.rows import RELEASED, ROWS, Row, needs
 from lacet.identify.car.torques import Torque, torque_in
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import Filters
@@ -84,7 +84,7 @@ def test_what_is_measured_and_declared_decides(
         else:
             assert expected in row_absence(left_out[row])
             assert row not in rows
-    assert {*rows, *left_out} == set(ROWS) - set(BODY_ROWS)  # these say nothing beside measured loads
+    assert {*rows, *left_out} == {row for row in ROWS if not row.combined}  # those say nothing beside measured loads
     assert not {row for row in left_out if row.startswith(("chassis", "tyre"))}
 
 

@@ -14,7 +14,7 @@ from lacet.daq.channels import CORNERS
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import build_motion
-from lacet.identify.car.rows import BODY_ROWS, CHASSIS_ROWS, SUSPENSION_ROWS, Absence, body_levers
+from lacet.identify.car.rows import BODY_ROWS, CHASSIS_ROWS, CORNER_ROWS, SUSPENSION_ROWS, Absence, body_levers
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.multibody.vectors import cross
 from lacet.identify.properties.derived import derived_values
@@ -52,12 +52,10 @@ unsprung_mass.rear = {{ value = 48, tolerance = 3, unit = "kg", source = "drawin
     return Vehicle.parse(CAR.text + stated)
 
 
-def without_loads(name: str, start: float, stop: float) -> Run:
-    """Inertial unit, travel, speed and front steer of a run."""
-    whole = cars.piece(name, start, stop)
-    kept = {
-        n: s for n, s in whole.signals.items() if n.startswith(("imu.", "correvit.")) or n.endswith((".hub", ".steer"))
-    }
+def without_loads(name: str, start: float, stop: float, *more: str) -> Run:
+    """Inertial unit, travel, speed, steer and `more` channels, by the ends of their names, of a run."""
+    whole, ends = cars.piece(name, start, stop), (".hub", ".steer", *more)
+    kept = {n: s for n, s in whole.signals.items() if n.startswith(("imu.", "correvit.")) or n.endswith(ends)}
     return replace(whole, signals=kept, wheel_reference=None)
 
 
@@ -94,14 +92,15 @@ def test_true_loads_fulfil_the_rows_and_vertical_forces_cancel(reference: str) -
     loaded = build_motion(exact)
     names = {"fl": ("M29", "M32"), "fr": ("M38", "M41"), "rl": ("M11", "M14"), "rr": ("M20", "M23")}
     masses = {f"axle.{c}": np.full(t.size, sum(value[name] for name in of)) for c, of in names.items()}
-    body = replace(loaded, rows=BODY_ROWS, masses={**masses, "chassis": np.full(t.size, value["M6"])})
+    combined = (*BODY_ROWS, *CORNER_ROWS)
+    body = replace(loaded, rows=combined, masses={**masses, "chassis": np.full(t.size, value["M6"])})
     for row, series in residual(body, model.physics, theta).items():
-        assert np.max(np.abs(series)) < 1e-12 * np.max(np.abs(body.measured(row))) + 1e-10, row
+        assert np.max(np.abs(series)) < 1e-12 * np.max(np.abs(body.measured(row))) + 5e-9, row
     more = {
         c: replace(corner, force=corner.force + np.outer([0.0, 0.0, 1.0], rng.normal(0, 3000, t.size)))
         for c, corner in body.corners.items()
     }
-    for row in BODY_ROWS:
+    for row in combined:
         np.testing.assert_allclose(replace(body, corners=more).measured(row), body.measured(row), atol=1e-8)
 
 
@@ -217,6 +216,21 @@ unsprung_mass.rear = { value = 48, tolerance = 3, unit = "kg", source = "drawing
         assert every[name].identifiable
         assert abs(every[name].value - right[name]) < every[name].half_sheet < 0.3 * right[name], name
     assert every["M6"].half_sheet > 2.0 * 500 / 24000 * 1270.0 > 3.0 * every["M6"].half
+
+
+def test_ground_lasers_part_the_bars_and_give_tyres_and_static_loads(truth: dict[str, Any]) -> None:
+    """Each corner's load by its tyre's deflection: smooth runs are enough, and cross-weight has an interval."""
+    fitted = fitted_to([without_loads(name, 5.0, 20.0, ".ground") for name in ("sine", "liftoff")], with_mass())
+    assert fitted.rows == (*BODY_ROWS, *CORNER_ROWS)
+    right = expected(truth) | {f"offset.{c}.f0": load for c, load in truth["static_suspension_load_N"].items()}
+    every = {e.name: e for e in estimates(fitted, None, fitted.runs)}
+    off = {n: abs(every[n].value - right[n]) / every[n].half_sheet for n in right if every.get(n)}
+    kinds = ("spring.{}.k", "damper.{}.c", "tyre_stiffness.{}.kt", "offset.{}.f0")
+    names = [kind.format(c) for kind in kinds for c in CORNERS] + [f"{key}.k" for key in BARS]
+    assert all(every[name].identifiable and every[name].group == name for name in names)
+    assert max(off[name] for name in names) < 2.0, off
+    assert np.mean([off[name] < 1.0 for name in names]) >= 0.8, off
+    assert derived_values(fitted, with_mass(), Knowledge.of(fitted)) == []
 
 
 def test_cross_weight_needs_corner_scales() -> None:

@@ -111,7 +111,7 @@ export function createCar(root, app) {
 
   function corner(c, at, rows) {
     const { x, y } = at.corners[c];
-    const own = ["suspension", "tyre", "spin"].map((kind) => `${kind}.${c}`);
+    const own = ["suspension", "tyre", "spin", "corner"].map((kind) => `${kind}.${c}`);
     const worst = own
       .map((r) => rows.get(r))
       .filter(Boolean)
