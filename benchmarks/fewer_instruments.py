@@ -260,7 +260,7 @@ def reported(found: Fit) -> Values:
         for e in estimates(found, None, found.runs)
         if e.identifiable
     }
-    whole = whole_vehicle(replace(found, covariance=found.covariance + found.covariance_sheet), vehicle())
+    whole = whole_vehicle(replace(found, covariance=found.covariance + found.covariance_sheet), vehicle(), found.runs)
     right = whole_vehicle(replace(found, theta=exactly), vehicle())
     if whole and right:
         for k, name in enumerate(NAMES):

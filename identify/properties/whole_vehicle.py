@@ -6,7 +6,7 @@ the grouping and covariance of the fit.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,9 @@ from lacet.identify.effects.base import with_places
 from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.rigid_body import REVOLUTION, move_parameters
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sums.linear_fit import FittedModel
+from lacet.identify.validation.parameter_estimates import by_assumed_motion
 
 NAMES = ("mass", "cog.x", "cog.y", "cog.z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 UNITS = ("kg", "m", "m", "m", *("kg·m²",) * 6)
@@ -39,8 +41,13 @@ class WholeVehicle:
     determined: tuple[bool, ...]
 
 
-def whole_vehicle(fitted: FittedModel, vehicle: Vehicle) -> WholeVehicle | None:
-    """Whole-vehicle values of a fit; None when the model has no chassis."""
+def whole_vehicle(
+    fitted: FittedModel, vehicle: Vehicle, runs: Sequence[PreparedRun] = ()
+) -> WholeVehicle | None:  # fmt: skip
+    """Whole-vehicle values of a fit; None when the model has no chassis.
+
+    `runs` : those used; values that depend on motion which all of them assume are not determined.
+    """
     names = list(fitted.model.names)
     if "M6" not in names:
         return None
@@ -55,6 +62,10 @@ def whole_vehicle(fitted: FittedModel, vehicle: Vehicle) -> WholeVehicle | None:
     grouped = slope[:, :physics][:, fitted.base.independent] @ fitted.base.grouping()
     scale = np.abs(slope[:, :physics]).max(axis=1) + 1e-12
     determined = np.abs(grouped - slope[:, :physics]).max(axis=1) < 1e-5 * scale
+    unmoved = by_assumed_motion(runs)
+    if unmoved:
+        by_them = np.abs(slope[:, [names.index(name) for name in unmoved]])
+        determined &= np.all(by_them < 1e-9 * scale[:, None], axis=1)
     spread = np.sqrt(np.maximum(0.0, np.einsum("ij,jk,ik->i", slope, fitted.covariance, slope)))
     sheet = np.sqrt(np.maximum(0.0, np.einsum("ij,jk,ik->i", slope, fitted.covariance_sheet, slope)))
     # Grouping alone accepts what rests on round-off: an interval many times the value is no determination.

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from lacet.daq.channels import CORNERS
-from lacet.identify.car.car_tree import AXLE, WHEEL
+from lacet.identify.car.car_tree import AXLE, CHASSIS, WHEEL
 from lacet.identify.car.rows import SPRING_RATE, SPRUNG_MASS, Row, RowAbsence
 from lacet.identify.effects.base import Effect, columns_by_row
 from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sums.linear_fit import FittedModel
+from lacet.identify.signals.sources import Kind
 
 
 @dataclass(frozen=True)
@@ -85,13 +86,20 @@ class GivenBeforehand:
 
 
 @dataclass(frozen=True)
+class AssumedMotion:
+    """The parameter acts by roll and pitch of the body alone, which no run measures: they are assumed."""
+
+
+@dataclass(frozen=True)
 class CountedWith:
     """The parameter acts only in combination with others; `names` are those that hold the combination's value."""
 
     names: tuple[str, ...]
 
 
-Unidentified = HardlyKnown | WiderThanValue | NoDependence | RowsAbsent | SeenAside | GivenBeforehand | CountedWith
+Unidentified = (
+    HardlyKnown | WiderThanValue | NoDependence | RowsAbsent | SeenAside | GivenBeforehand | AssumedMotion | CountedWith
+)
 """Reason why a parameter is not identified."""
 
 
@@ -148,12 +156,15 @@ def estimates(fitted: FittedModel, drawn: Array | None = None, runs: Sequence[Pr
     owners = [effect for effect in (*fitted.model.physics, *fitted.model.faults) for _ in effect.parameters]
     physics = len(fitted.physics)
     aside = any(row.combined for row in fitted.sigma)
+    unmoved = by_assumed_motion(runs)
     for i, (parameter, effect) in enumerate(zip(fitted.model.parameters, owners, strict=True)):
         value = float(fitted.theta[i])
         group, why = parameter.name, None
         if i in place:
             group = fitted.base.describe(place[i])
-            if plain[i] > _WIDE * parameter.prior:
+            if parameter.name in unmoved:
+                why = AssumedMotion()
+            elif plain[i] > _WIDE * parameter.prior:
                 why = HardlyKnown(TWO_SIDED_95 * float(plain[i]), parameter.unit, shown_by(parameter.name, effect))
             elif TWO_SIDED_95 * sigma[i] > max(abs(value), _natural(fitted, parameter.name)):
                 why = WiderThanValue(TWO_SIDED_95 * float(sigma[i]), parameter.unit, shown_by(parameter.name, effect))
@@ -177,6 +188,19 @@ def estimates(fitted: FittedModel, drawn: Array | None = None, runs: Sequence[Pr
             )
         )
     return out
+
+
+_BY_ROLL_AND_PITCH = frozenset(f"{kind}{CHASSIS}" for kind in ("XX", "XY", "XZ", "YY", "YZ", "MZ"))
+
+
+def by_assumed_motion(runs: Sequence[PreparedRun]) -> frozenset[str]:
+    """Parameters of the body that act by roll and pitch rates alone, where every run assumes these; else none.
+
+    With the rates their columns are assumed, to a half: so is the estimate, whatever its interval.
+    """
+    sources = [run.recording.sources.get("imu.rate") for run in runs]
+    assumed = [one is not None and Kind.ASSUMED in (one.kinds[0], one.kinds[1]) for one in sources]
+    return _BY_ROLL_AND_PITCH if assumed and all(assumed) else frozenset()
 
 
 def shown_by(name: str, effect: Effect) -> str:

@@ -9,6 +9,7 @@ from lacet.identify.properties.structural_identifiability import Fixed, HeldToge
 from lacet.identify.regression.identifiability import Combination, Merged, SmallChange, SmallTravel, Undetermined
 from lacet.identify.validation.parameter_estimates import (
     WIDE,
+    AssumedMotion,
     CountedWith,
     GivenBeforehand,
     HardlyKnown,
@@ -56,6 +57,8 @@ def unidentified(why: Unidentified | None) -> str:
             return wide if row is None else f"{wide}: {row} would show it, and {to_add(row, absence)}"
         case GivenBeforehand(assumption):
             return f"given as {assumption} in [assumed]: no wheel load is measured"
+        case AssumedMotion():
+            return "it acts by roll and pitch of the body alone, which are assumed; needs: imu.rate"
         case CountedWith(names):
             return f"acts only together with {', '.join(names[:4])}, and is counted there"
 

@@ -40,7 +40,7 @@ def fit_result(
     """A fit as plain data (``docs/json.md``, ``identify``); `drawn` as `Fit.bootstrap` gives it."""
     knowledge = knowledge or Knowledge.of(fitted)
     found = estimates(fitted, drawn, fitted.runs)
-    whole = whole_vehicle(fitted, loaded.vehicle)
+    whole = whole_vehicle(fitted, loaded.vehicle, fitted.runs)
     left_out: dict[str, str] = {}
     for run in fitted.runs:
         left_out |= {f"{run.name}: {row}": row_absence(why) for row, why in run.measured_rows.left_out.items()}

@@ -24,6 +24,7 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.signals.filters import derivative, zero_phase
 from lacet.identify.validation.parameter_estimates import estimates
+from lacet.services.render.identifiability import unidentified
 from tests.identify import cars
 
 STATED = """
@@ -187,10 +188,15 @@ def test_yaw_rate_and_lateral_acceleration_alone_give_two_rows(truth: dict[str, 
     run = PreparedRun.of(replace(whole, signals=signals), VEHICLE, replace(RIG, sensors=sensors))
     assert run.rows == (Row.parse("chassis.fy"), Row.parse("chassis.mz"))
     found = fit(Model.of(base_model(VEHICLE, HUB)), [run], FitOptions(draws=2))
-    whole_car = whole_vehicle(replace(found, covariance=found.covariance + found.covariance_sheet), VEHICLE)
+    whole_car = whole_vehicle(replace(found, covariance=found.covariance + found.covariance_sheet), VEHICLE, [run])
     assert whole_car is not None
     assert whole_car.determined[0]
     assert abs(whole_car.values[0] - truth["inboard_at_design"]["mass_kg"]) < whole_car.interval[0]
+    # Roll is assumed: so would be the height of the centre of gravity, which acts by it.
+    every = {e.name: e.why for e in estimates(found, None, [run])}
+    assert "needs: imu.rate" in unidentified(every["MZ6"])
+    assert whole_car.determined[1]
+    assert not whole_car.determined[3]
 
 
 def standing(seconds: float = 10.0) -> Run:
