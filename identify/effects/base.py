@@ -115,6 +115,8 @@ class Effect(ABC):
     """Families that it is confounded with by construction, in nearly all runs; the docstring has the reason."""
     base: ClassVar[bool] = False
     """Whether it is part of the base model."""
+    describes: ClassVar[bool] = False
+    """Whether it only describes a force of unknown cause, as far as that follows measured states."""
     needs: ClassVar[tuple[str, ...]] = ()
     """Channels it needs beyond those of the rows it acts on."""
     grids: ClassVar[Mapping[str, tuple[float, ...]]] = {}

@@ -41,6 +41,7 @@ from lacet.identify.selection.joint.refits import (
 from lacet.identify.selection.joint.shape_constants import refined
 from lacet.identify.selection.joint.starts import starts
 from lacet.identify.selection.joint.subset_search import strength
+from lacet.identify.selection.laws.described import Described, described
 from lacet.identify.selection.laws.encompassing import only_encompassing
 from lacet.identify.selection.laws.formulas import Formula, propose
 from lacet.identify.selection.relinearisation import relinearise, relinearised_columns
@@ -159,11 +160,15 @@ def diagnose_runs(
     joint = found_together(ScoreTests(columns, noise, progress), seed, progress)
     first = joint.first
     joint, rest = _of_another_start(*_settled(joint, seed, progress), seed, progress)
+    listed = {effect.key: effect for effect in candidates}
     if runs.refittable is None:
-        found = _one(joint, progress)
-    else:
-        found = tuple(_as_found(joint, effect, draws=first.draws) for effect in joint.effects)
-    return _concluded(runs, floor, joint, rest, found, {e.key: e for e in candidates}, seed, progress)
+        return _concluded(runs, floor, joint, rest, _one(joint, progress), listed, seed, progress)
+    if not rest.unlisted:
+        found = [_as_found(joint, effect, draws=first.draws) for effect in joint.effects]
+        return _concluded(runs, floor, joint, rest, found, listed, seed, progress)
+    known = described(joint, rest, seed, progress)
+    found = [_as_found(known.joint, effect, first.draws, known.beside) for effect in known.joint.effects]
+    return _concluded(runs, floor, known.joint, known.rest, found, listed, seed, progress, known)
 
 
 def _settled(joint: Joint, seed: int, progress: Progress) -> tuple[Joint, Rest]:
@@ -192,7 +197,9 @@ def _settled(joint: Joint, seed: int, progress: Progress) -> tuple[Joint, Rest]:
         rest = Rest.of(joint.space, joint.laws)
     possible = only_plausible(joint, seed, progress)
     rest = rest if possible is joint else Rest.of(possible.space, possible.laws)
-    return only_encompassing(*not_part_of_the_rest(possible, rest, seed, progress), seed, progress)
+    joint, rest = not_part_of_the_rest(possible, rest, seed, progress)
+    standing = only_encompassing(joint, seed, progress) if rest.unlisted else joint
+    return standing, rest if standing is joint else Rest.of(standing.space, standing.laws)
 
 
 def _of_another_start(joint: Joint, rest: Rest, seed: int, progress: Progress) -> tuple[Joint, Rest]:
@@ -264,10 +271,11 @@ def _one(joint: Joint, progress: Progress) -> tuple[Candidate, ...]:
     return (refined(space, best),)
 
 
-def _as_found(joint: Joint, effect: Effect, draws: int) -> Candidate:
+def _as_found(joint: Joint, effect: Effect, draws: int, beside: Joint | None = None) -> Candidate:
     """A candidate as missing, with shape constants of `effect`, sizes and intervals of a fit with all found.
 
-    Its ties are the alternatives that are not rejected in its place.
+    Its ties are the alternatives that are not rejected in its place; in the fit `beside` laws that describe what is
+    unlisted, where that is given.
     """
     (c,) = (one for one in joint.alone if one.key == effect.key)
     if effect in joint.removed:
@@ -275,7 +283,7 @@ def _as_found(joint: Joint, effect: Effect, draws: int) -> Candidate:
     fitted = joint.space.fitted
     at = [fitted.model.names.index(q.name) for q in effect.parameters]
     sigma = np.sqrt(np.diag(sum(fitted.covariances_searched)))[at]
-    tried = _alternatives(joint, effect.key)
+    tried = _alternatives(beside or joint, effect.key)
     return replace(
         c, shape=dict(effect.shape), answer=Answer.MISSING, reason=Reason.PASSES, p=1.0 / (1.0 + draws),
         values=tuple(float(x) + joint.sizes.get(effect.key, 0.0) for x in fitted.theta[at]),
@@ -292,12 +300,15 @@ def _alternatives(joint: Joint, key: str) -> list[Alternative]:
 
 def _concluded(
     runs: RankedRuns, floor: NoiseFloor, joint: Joint, rest: Rest, found: Sequence[Candidate],
-    candidates: Mapping[str, Effect], seed: int, progress: Progress,
+    candidates: Mapping[str, Effect], seed: int, progress: Progress, known: Described | None = None,
 ) -> Diagnosis:  # fmt: skip
-    """The diagnosis of the effects found and the rest that they leave, of all `candidates`."""
+    """The diagnosis of the effects found and the rest that they leave, of all `candidates`.
+
+    `known` : what is found beside laws that describe what is unlisted, where these were searched.
+    """
     first = joint.first
     now = first.residual_beside([])
-    not_constant = _not_constant(joint, rest, found, progress)
+    not_constant = _not_constant(*((known.beside, known.beside_rest) if known else (joint, rest)), found, progress)
     found = [c for c in found if c.key not in not_constant]
     judged_rest = runs.refittable is not None or not found
     unlisted = rest.unlisted if judged_rest else ()
@@ -318,8 +329,8 @@ def _concluded(
     own = [row for row in now.above if row in acting] or list(now.above)
     excess = now.excess(own)
     explained = 1.0 - rest.lack.excess(own) / excess if found and excess > 0.0 and judged_rest else 0.0
-    formulas = list[Formula]()
-    if (unlisted or exceeded or not_constant) and not found:
+    formulas = list(known.formulas) if known else []
+    if (unlisted or exceeded or not_constant) and not found and not formulas:
         progress(Step(Stage.SYMBOLIC_LAWS))
         failing = list(unlisted) or _worst(runs.row_ratios(floor))
         # Laws that change from run to run are in the last fit, and not in the car.
@@ -335,7 +346,7 @@ def _concluded(
     )  # fmt: skip
     if not found or not judged_rest or not_constant or tied:
         return diagnosis
-    return replace(diagnosis, after=_after(joint, rest, candidates, seed, progress))
+    return replace(diagnosis, after=_after(joint, rest, candidates, seed, progress, formulas))
 
 
 def _with_sums(
@@ -360,11 +371,15 @@ def _with_sums(
     return joint, out
 
 
-def _after(joint: Joint, rest: Rest, candidates: Mapping[str, Effect], seed: int, progress: Progress) -> Diagnosis:
+def _after(
+    joint: Joint, rest: Rest, candidates: Mapping[str, Effect], seed: int, progress: Progress,
+    formulas: Sequence[Formula],
+) -> Diagnosis:  # fmt: skip
     """The diagnosis of the model with all effects found, from the score tests beside them."""
     space = joint.space
     alone = Joint(space, joint.beside, space, joint.beside, (), joint.laws)
-    return _concluded(space.linearisation.runs, space.floor, alone, rest, (), candidates, seed, progress)
+    known = Described(alone, rest, alone, rest, tuple(formulas)) if formulas else None
+    return _concluded(space.linearisation.runs, space.floor, alone, rest, (), candidates, seed, progress, known)
 
 
 def _not_constant(

@@ -35,6 +35,7 @@ class AddedLaw:
     row_force : row → weighted squares of its whole force.
     implausible : what no car has of it, if anything.
     sheet_entries : entries of the sensor sheet for the same error, of a sensor fault.
+    describes : whether it only describes a force of unknown cause.
     """
 
     key: str
@@ -46,6 +47,7 @@ class AddedLaw:
     row_force: Mapping[Row, float]
     implausible: Implausible | None = None
     sheet_entries: frozenset[tuple[str, str]] = frozenset()
+    describes: bool = False
 
     @property
     def rows(self) -> frozenset[Row]:
@@ -151,8 +153,12 @@ def _added(
         acting = {row: a for row, a in squares.items() if acts_on(effect, row)}
         half = SELECTION.interval_quantile * np.sqrt(np.diag(spread)[at])
         wrong = effect.implausible(theta[at], half) if len(at) == len(effect.parameters) else None
-        law = AddedLaw(effect.key, effect.name, theta[at], tuple(at), force, null, acting, wrong, effect.sheet_entries)
-        out.append(law)
+        out.append(
+            AddedLaw(
+                effect.key, effect.name, theta[at], tuple(at), force, null, acting, wrong, effect.sheet_entries,
+                effect.describes,
+            )
+        )  # fmt: skip
     return tuple(out)
 
 

@@ -30,8 +30,8 @@ class SelectionSettings:
     further effect must explain more than its square. Source: docs/decisions/joint-search.md."""
     selected_inexactness: float = 0.2
     """The same for a law that is selected and not yet in the fit (its noise is that of other constants, and the floor
-    is one without it), and for the same law at another place: left and right are never equal [share]. Source:
-    docs/decisions/joint-search.md."""
+    is one without it), for the same law at another place (left and right are never equal), and for a law that only
+    describes a force of unknown cause [share]. Source: docs/decisions/joint-search.md."""
     most_selected: int = 12
     """Effects selected together before a fit with them [count]. Source: processor time."""
     most_refits: int = 4

@@ -258,7 +258,7 @@ def _remaining(d: Diagnosis) -> str:
             f" And something that is not listed remains in {rows}{f' and {more} more rows' if more > 0 else ''} "
             f"(÷ floor, with all these in the model)."
         )
-    return out
+    return _with_law(out, d.formulas)
 
 
 def _in_part(d: Diagnosis) -> str:

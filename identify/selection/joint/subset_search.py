@@ -96,7 +96,7 @@ def inexactness_of(family: str, rows: Collection[Row], laws: Sequence[AddedLaw])
     for one in laws:
         if not one.rows.isdisjoint(rows):
             side = set(rows) < one.rows  # of the wheels that the law acts at, one: left and right are never equal
-            alike = side or one.family == family
+            alike = side or one.family == family or one.describes
             out += (SELECTION.selected_inexactness if alike else SELECTION.law_inexactness) ** 2 * one.force
     return out
 

@@ -27,7 +27,7 @@ from lacet.identify.selection.joint.refits import Joint, less_a_part, tested_aga
 from lacet.identify.selection.laws.formulas import laws_at
 from lacet.identify.selection.laws.search import null_products, without_noise
 from lacet.identify.selection.laws.settings import LAWS
-from lacet.identify.selection.rest import AddedLaw, Rest, added_laws
+from lacet.identify.selection.rest import AddedLaw, added_laws
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 
@@ -35,14 +35,11 @@ Standing = Callable[[float, Array], bool]
 """Whether a fall of the weighted squares is more than chance, by it and (D,) those in simulated runs."""
 
 
-def only_encompassing(joint: Joint, rest: Rest, seed: int, progress: Progress = silent) -> tuple[Joint, Rest]:
-    """The same without the laws found that do not stand beside simple laws that are not listed, and what then remains.
-
-    Where no rest is unlisted, all stay.
-    """
+def only_encompassing(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
+    """The same without the laws found that do not stand beside simple laws that are not listed."""
     tried, before = joint.space, joint
     doubted = {law.key for law in joint.laws if law.key in joint.keys}
-    while rest.unlisted and doubted:
+    while doubted:
         space = without_noise(joint.space)
         laws = [law for law in added_laws(space) if law.key in doubted]
         places = {effect.key: effect.where for effect in joint.effects}
@@ -56,9 +53,8 @@ def only_encompassing(joint: Joint, rest: Rest, seed: int, progress: Progress = 
             break
         weakest = min(failing, key=lambda law: law.force)
         joint = less_a_part(joint, weakest.key, seed, progress)
-        rest = Rest.of(joint.space, joint.laws)
         doubted = {law.key for law in failing} - {weakest.key}
-    return (joint, rest) if joint is before else tested_again(joint, seed, progress)
+    return joint if joint is before else tested_again(joint, seed, progress)[0]
 
 
 def encompasses(space: ScoreTests, law: AddedLaw, where: str, stands: Standing) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 
 from lacet.daq.channels import CORNERS
 from lacet.identify.car.rows import SUSPENSION_ROWS, TYRE_ROWS, Row
-from lacet.identify.effects.base import AXLES
+from lacet.identify.effects.base import AXLES, Effect
 from lacet.identify.effects.language.compiled import OneLine, effect_class
 from lacet.identify.effects.language.parser import read_line
 from lacet.identify.selection.columns.candidate_columns import CandidateColumns
@@ -71,6 +71,12 @@ class Formula:
     law: Law
     front: tuple[Law, ...]
 
+    @property
+    def of_one_term(self) -> Law:
+        """The law of the front that explains most with the fewest terms."""
+        fewest = min(law.terms for law in self.front)
+        return max((law for law in self.front if law.terms == fewest), key=lambda law: law.explained)
+
 
 def propose(space: ScoreTests, failing: Sequence[Row]) -> list[Formula]:
     """Laws that the residual of the `failing` rows follows, largest gain first, one for each set of rows.
@@ -93,6 +99,12 @@ def propose(space: ScoreTests, failing: Sequence[Row]) -> list[Formula]:
         # What else fails only as this law was missing needs none of its own.
         rows = [row for row in search.space.residual_beside(search.elsewhere).above if row in rows]
     return _tested(space, fronts)
+
+
+def described_by(law: Law, space: ScoreTests) -> Effect:
+    """The effect of a law, as one that describes a force and is not exact."""
+    one = _named(law.text, space)
+    return type(f"Described{type(one).__name__}", (type(one),), {"describes": True})(one.where, one.shape)
 
 
 def laws_at(space: ScoreTests, kind: str, where: str) -> list[OneLine]:
@@ -148,8 +160,7 @@ def _tested(space: ScoreTests, fronts: Sequence[tuple[Found, Sequence[Found]]]) 
     written = [[Written.of(one.terms) for one in front] for _, front in fronts]
     names = catalogue_names(space, [term for _, front in fronts for one in front for term in one.terms])
     # Columns on a run are stored by key: another law needs another name.
-    effects = {text.text: _effect(f"law_{crc32(text.text.encode()):08x} = {text.text}", space)
-               for texts in written for text in texts}  # fmt: skip
+    effects = {text.text: _named(text.text, space) for texts in written for text in texts}
     if not effects:
         return []
     selected = [trial.effect for trial in space.columns.selected]
@@ -178,9 +189,12 @@ def _tested(space: ScoreTests, fronts: Sequence[tuple[Found, Sequence[Found]]]) 
     return sorted(out, key=lambda formula: -formula.gain_rms)
 
 
-def _effect(line: str, space: ScoreTests) -> OneLine:
+def _named(law: str, space: ScoreTests) -> OneLine:
+    """The effect of a law's text, under a name of its own."""
     runs = space.linearisation.runs
-    (one,) = effect_class(read_line(line)).variants(runs.vehicle, runs.wheel_reference)
+    (one,) = effect_class(read_line(f"law_{crc32(law.encode()):08x} = {law}")).variants(
+        runs.vehicle, runs.wheel_reference
+    )
     return one
 
 

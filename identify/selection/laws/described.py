@@ -1,0 +1,62 @@
+"""Listed effects found beside laws that describe a force of unknown cause.
+
+While an unlisted force is in the residual, it hides listed effects that act in the same rows. Laws of the measured
+states that describe it (`formulas.propose`) therefore join the model, as laws that are not exact, and the effects are
+searched again beside them. What is then found must stand beside further laws, too (`encompassing`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from lacet.identify.effects.base import Effect
+from lacet.identify.progress import Progress, Stage, Step
+from lacet.identify.selection.joint.refits import Joint, continued, only_plausible, only_standing, tested_again
+from lacet.identify.selection.laws.encompassing import only_encompassing
+from lacet.identify.selection.laws.formulas import Formula, described_by, propose
+from lacet.identify.selection.rest import Rest
+
+
+@dataclass(frozen=True)
+class Described:
+    """The effects found where an unlisted force is described.
+
+    Attributes
+    ----------
+    joint, rest : the effects found, in a fit without the laws that describe it, and what it leaves.
+    beside, beside_rest : the same effects in a fit with these laws, and what that leaves.
+    formulas : the laws, that explaining most first.
+    """
+
+    joint: Joint
+    rest: Rest
+    beside: Joint
+    beside_rest: Rest
+    formulas: tuple[Formula, ...]
+
+
+def described(joint: Joint, rest: Rest, seed: int, progress: Progress) -> Described:
+    """The effects found and those that stand beside laws that describe what is unlisted in `rest`."""
+    progress(Step(Stage.SYMBOLIC_LAWS))
+    formulas = propose(joint.space, rest.unlisted)
+    # Longer laws would describe a part of listed effects, too.
+    laws = [described_by(law, joint.space) for one in formulas if not (law := one.of_one_term).listed]
+    before = Described(joint, rest, joint, rest, tuple(formulas))
+    if joint.base is None or not laws:
+        return before
+    found = _searched_again(joint, laws, seed, progress)
+    left = Rest.of(found.space, found.laws)
+    if set(found.keys) == set(joint.keys):
+        return replace(before, beside=found, beside_rest=left)
+    return Described(*tested_again(replace(found, base=joint.base), seed, progress), found, left, tuple(formulas))
+
+
+def _searched_again(joint: Joint, laws: Sequence[Effect], seed: int, progress: Progress) -> Joint:
+    """What is found in a fit with these laws; effects that did not stand without them are tried as well."""
+    assert joint.base is not None
+    known = replace(joint, base=joint.base.with_effects(laws), dropped=frozenset(), parts=frozenset())
+    found, _ = tested_again(known, seed, progress)
+    found = continued(only_standing(found, seed, progress), seed, progress)
+    found = only_encompassing(only_plausible(found, seed, progress), seed, progress)
+    return replace(found, parts=(joint.parts | found.parts) - set(found.keys))
