@@ -167,7 +167,7 @@ def diagnose_runs(
         found = [_as_found(joint, effect, draws=first.draws) for effect in joint.effects]
         return _concluded(runs, floor, joint, rest, found, listed, seed, progress)
     known = described(joint, rest, seed, progress)
-    found = [_as_found(known.joint, effect, first.draws, known.beside) for effect in known.joint.effects]
+    found = [_as_found(known.beside, effect, first.draws) for effect in known.beside.effects]
     return _concluded(runs, floor, known.joint, known.rest, found, listed, seed, progress, known)
 
 
@@ -271,11 +271,10 @@ def _one(joint: Joint, progress: Progress) -> tuple[Candidate, ...]:
     return (refined(space, best),)
 
 
-def _as_found(joint: Joint, effect: Effect, draws: int, beside: Joint | None = None) -> Candidate:
+def _as_found(joint: Joint, effect: Effect, draws: int) -> Candidate:
     """A candidate as missing, with shape constants of `effect`, sizes and intervals of a fit with all found.
 
-    Its ties are the alternatives that are not rejected in its place; in the fit `beside` laws that describe what is
-    unlisted, where that is given.
+    Its ties are the alternatives that are not rejected in its place.
     """
     (c,) = (one for one in joint.alone if one.key == effect.key)
     if effect in joint.removed:
@@ -283,7 +282,7 @@ def _as_found(joint: Joint, effect: Effect, draws: int, beside: Joint | None = N
     fitted = joint.space.fitted
     at = [fitted.model.names.index(q.name) for q in effect.parameters]
     sigma = np.sqrt(np.diag(sum(fitted.covariances_searched)))[at]
-    tried = _alternatives(beside or joint, effect.key)
+    tried = _alternatives(joint, effect.key)
     return replace(
         c, shape=dict(effect.shape), answer=Answer.MISSING, reason=Reason.PASSES, p=1.0 / (1.0 + draws),
         values=tuple(float(x) + joint.sizes.get(effect.key, 0.0) for x in fitted.theta[at]),

@@ -46,10 +46,10 @@ def described(joint: Joint, rest: Rest, seed: int, progress: Progress) -> Descri
     if joint.base is None or not laws:
         return before
     found = _searched_again(joint, laws, seed, progress)
-    left = Rest.of(found.space, found.laws)
+    remaining = Rest.of(found.space, found.laws)
     if set(found.keys) == set(joint.keys):
-        return replace(before, beside=found, beside_rest=left)
-    return Described(*tested_again(replace(found, base=joint.base), seed, progress), found, left, tuple(formulas))
+        return replace(before, beside=found, beside_rest=remaining)
+    return Described(*tested_again(replace(found, base=joint.base), seed, progress), found, remaining, tuple(formulas))
 
 
 def _searched_again(joint: Joint, laws: Sequence[Effect], seed: int, progress: Progress) -> Joint:
