@@ -245,7 +245,7 @@ def joint_tables(bench: BenchReadings) -> dict[str, JointTables]:
                 else:
                     inside &= (x >= curve.at[0] - MOVED["travel"]) & (x <= curve.at[-1] + MOVED["travel"])
             if np.any(inside):
-                table = _with_mixed(table, values - middle.mean(axis=0), inside, inside & ~moves[2], own, other, rack)
+                table = _with_mixed(table, values - middle.mean(axis=0), inside, (own, other, rack))
         out[corner] = table
     if faults:
         raise BenchError(", ".join(bench.files), faults)
@@ -253,16 +253,17 @@ def joint_tables(bench: BenchReadings) -> dict[str, JointTables]:
 
 
 def _with_mixed(
-    table: JointTables, changes: Array, rows: NDArray[np.bool_], both: NDArray[np.bool_], own: Array, other: Array,
-    rack: Array,
-) -> JointTables:  # fmt: skip
-    """Joint tables with the product of the travels, from rows with `both` moved, and the error that then remains."""
-    error = changes - table.at(own, other, rack)
-    square = (own * other)[both]
-    if np.any(square):
-        table = replace(table, product=square @ error[both] / (square @ square))
-        error = changes - table.at(own, other, rack)
-    largest = np.max(np.abs(error[rows]), axis=0)
+    table: JointTables, changes: Array, rows: NDArray[np.bool_], moved: tuple[Array, Array, Array]
+) -> JointTables:
+    """Joint tables with the products of travels and rack, from rows with several moved, and the error that remains."""
+    own, other, rack = moved
+    still = np.abs(rack) < MOVED["rack"]
+    for name, product, where in (("product", own * other, rows & still), ("rack_product", own * rack, rows & ~still)):
+        by = product[where]
+        if np.any(by):
+            error = (changes - table.at(*moved))[where]
+            table = replace(table, **{name: by @ error / (by @ by)})
+    largest = np.max(np.abs((changes - table.at(*moved))[rows]), axis=0)
     return replace(table, mixed=dict(zip(JOINTS, largest.tolist(), strict=True)))
 
 

@@ -1,8 +1,9 @@
 """Joints of a wheel's suspension as T(s_own, s_other, rack): bench tables of one corner, and how they are put together.
 
-T(s, s', r) = own(s) + other(s') + rack(r) + product s s', each 0 at 0, s the wheel's own travel, s' that of the other
-wheel of the axle [m, compression positive], r the rack [m, to the left positive]. The product is the first mixed term,
-which a bench gives that moves both wheels of an axle. What it measured beside T is the error of mixed terms left away.
+T(s, s', r) = own(s) + other(s') + rack(r) + product s s' + rack_product s r, each 0 at 0, s the wheel's own travel, s'
+that of the other wheel of the axle [m, compression positive], r the rack [m, to the left positive]. The products are
+the first mixed terms, which a bench gives that moves both wheels of an axle, and the rack at several travels. What it
+measured beside T is the error of mixed terms left away.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ TOE = PLACE["toe"]
 STEERED = np.radians(1.0)
 """Change of toe along the rack's curve above which the rack steers the wheel [rad]: a bench reads to 0.003°."""
 PRODUCT: dict[str, str] = {name: "1/m" if unit == "m" else "rad/m²" for name, unit in JOINTS.items()}
-"""SI unit of each joint's change per product of both travels."""
+"""SI unit of each joint's change per product of both travels, or of travel and rack."""
 CURVES: dict[str, str] = {"own": "travel", "other": "travel", "rack": "rack"}
 """The three curves of a table, and what each is against."""
 
@@ -66,8 +67,9 @@ class JointTables:
     """Joint tables of one corner.
 
     `own`, `other`, `rack` : the curves, None where there is none; `mixed` : largest difference between what a bench
-    measured with several variables moved and T, by joint [m, rad]; empty where none was measured; `product` : (5,) of
-    `JOINTS`, in the units of `PRODUCT`; `compliance` : what loads change, None where no bench loaded the wheels.
+    measured with several variables moved and T, by joint [m, rad]; empty where none was measured; `product`,
+    `rack_product` : (5,) of `JOINTS`, in the units of `PRODUCT`; `compliance` : what loads change, None where no bench
+    loaded the wheels.
     """
 
     own: JointCurve
@@ -76,6 +78,7 @@ class JointTables:
     mixed: Mapping[str, float]
     compliance: Compliance | None = None
     product: Array = field(default_factory=lambda: np.zeros(len(JOINTS)))
+    rack_product: Array = field(default_factory=lambda: np.zeros(len(JOINTS)))
 
     @property
     def follows_other(self) -> bool:
@@ -90,7 +93,10 @@ class JointTables:
 
     def at(self, own: Array, other: Array, rack: Array) -> Array:
         """(…, 5) changes of the joints from the design position, in the order of `JOINTS` [m, rad]."""
-        out = self.own.value(own) + self.product * (np.asarray(own) * other)[..., None]
+        own = np.asarray(own)
+        out = (
+            self.own.value(own) + self.product * (own * other)[..., None] + self.rack_product * (own * rack)[..., None]
+        )
         for curve, x in ((self.other, other), (self.rack, rack)):
             if curve is not None:
                 out = out + curve.value(x)
@@ -101,7 +107,7 @@ def read_joints(reader: Reader, rows: dict[str, Any], place: str) -> JointTables
     """The ``joints`` of a corner of a vehicle file; faults go to the reader."""
     if not rows:
         return None
-    reader.known(rows, (*CURVES, "mixed", "product", "compliance"), place)
+    reader.known(rows, (*CURVES, "mixed", "product", "rack_product", "compliance"), place)
     curves = {name: _curve(reader, reader.table(rows, name, place), f"{place}.{name}", name) for name in CURVES}
     own = curves["own"]
     if own is None:
@@ -112,12 +118,12 @@ def read_joints(reader: Reader, rows: dict[str, Any], place: str) -> JointTables
     if rack is not None and np.ptp(rack.values[:, TOE]) > STEERED and np.ptp(np.sign(np.diff(rack.values[:, TOE]))):
         reader.fault(f"{place}.rack.toe", "must rise, or fall, all along: the steer of the wheel gives the rack")
         return None
-    product = _numbers(reader, rows, "product", PRODUCT, place)
+    products = [_numbers(reader, rows, key, PRODUCT, place) for key in ("product", "rack_product")]
     return JointTables(
         own, curves["other"], curves["rack"],
         {name: abs(error) for name, error in _numbers(reader, rows, "mixed", JOINTS, place).items()},
         read_compliance(reader, reader.table(rows, "compliance", place), f"{place}.compliance"),
-        np.array([product.get(name, 0.0) for name in JOINTS]),
+        *(np.array([product.get(name, 0.0) for name in JOINTS]) for product in products),
     )  # fmt: skip
 
 
@@ -169,9 +175,11 @@ def joints_text(tables: Mapping[str, JointTables], source: str) -> str:
             for key, (values, unit) in columns.items():
                 numbers, written = shown(values, unit)
                 lines.append(f'{key} = {{ value = {numbers}, unit = "{written}", source = "{quoted}" }}')
-        if np.any(table.product):
-            lines += ["", f"[corner.{corner}.joints.product]"]
-            for (key, unit), factor in zip(PRODUCT.items(), table.product.tolist(), strict=True):
+        for name, product in (("product", table.product), ("rack_product", table.rack_product)):
+            if not np.any(product):
+                continue
+            lines += ["", f"[corner.{corner}.joints.{name}]"]
+            for (key, unit), factor in zip(PRODUCT.items(), product.tolist(), strict=True):
                 lines.append(f'{key} = {{ value = {round(factor, 6) + 0.0}, unit = "{unit}", source = "{quoted}" }}')
         if table.mixed:
             lines += ["", f"[corner.{corner}.joints.mixed]"]

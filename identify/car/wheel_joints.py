@@ -1,7 +1,8 @@
 """Joints of a wheel along a motion, from the bench tables of its corner: places, derivatives, slopes by travel.
 
 Without joint tables a joint is T(s) of the bump table, s the wheel's own travel. With them it is T(s, s', r) = own(s) +
-other(s') + rack(r) + product s s', s' the travel of the axle's other wheel, r the rack's: slopes are at a fixed rack.
+other(s') + rack(r) + product s s' + rack_product s r, s' the travel of the axle's other wheel, r the rack's: slopes
+are at a fixed rack.
 The rack is that at which the wheel has its measured steer: what the tie rod gives beside its bench's compliance counts
 as rack, and turns the wheel about the same kingpin. The table of the rack then stands in place of the kingpin's axis.
 What loads change is added to T.
@@ -98,8 +99,11 @@ def _by_joint_tables(
     if tables.rack is not None and tables.steered:
         # Toe of the rack: the measured one less what both travels and the loads give.
         toe = tuple(-corner.side * part - joint[TOE] for part, joint in zip(steer, joints, strict=True))
-        turned, _ = _along(tables.rack, _rack(tables.rack, (toe[0] - corner.static_toe, toe[1], toe[2])))
-        joints = _sum(joints, turned)
+        lever = tuple(tables.rack_product[TOE] * part for part in own)
+        rack = _rack(tables.rack, (toe[0] - corner.static_toe, toe[1], toe[2]), lever)
+        turned, _ = _along(tables.rack, rack)
+        joints = _sum(_sum(joints, turned), _product(tables.rack_product[:, None], own, rack))
+        by_own = by_own + tables.rack_product[:, None] * rack[0]
         zero = np.zeros_like(steer[0])
         kingpin = zero, zero, zero
     value, rate, accel = (signs * part for part in joints)
@@ -126,13 +130,14 @@ def _sum(a: Course, b: Course) -> Course:
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-def _rack(curve: JointCurve, toe: Course) -> Course:
-    """Course of the rack [m] at which the toe of its curve has this course [rad]."""
+def _rack(curve: JointCurve, toe: Course, lever: Course) -> Course:
+    """Course of the rack [m] at which the toe of its curve plus `lever` [rad/m] times the rack is `toe` [rad]."""
     line = curve.value(curve.at)[:, TOE]
     order = np.argsort(line)
     at = np.interp(toe[0], line[order], curve.at[order])
     for _ in range(_ROUNDS):
-        at = at + (toe[0] - curve.value(at)[:, TOE]) / curve.value(at, 1)[:, TOE]
+        at = at + (toe[0] - curve.value(at)[:, TOE] - lever[0] * at) / (curve.value(at, 1)[:, TOE] + lever[0])
     slope, curvature = (curve.value(at, order)[:, TOE] for order in (1, 2))
-    rate = toe[1] / slope
-    return at, rate, (toe[2] - curvature * rate**2) / slope
+    slope = slope + lever[0]
+    rate = (toe[1] - lever[1] * at) / slope
+    return at, rate, (toe[2] - curvature * rate**2 - 2.0 * lever[1] * rate - lever[2] * at) / slope

@@ -30,8 +30,8 @@ wheel_centre_height = { value = 0.29, unit = "m", source = "drawing" }
 tyre_radius = { value = 0.31, unit = "m", source = "drawing" }
 """
 CORNERS = ("fl", "fr", "rl", "rr")
-MIXED = 0.8
-"""Toe by own travel × rack [rad/m²]."""
+MIXED, BEYOND = 0.8, 300.0
+"""Toe by own travel × rack [rad/m²], and by own travel² × rack² [rad/m⁴]."""
 
 Readings = dict[str, np.ndarray]
 
@@ -43,7 +43,10 @@ def joint(name: str, corner: str, own: float, other: float, rack: float) -> floa
     return {
         "y": 0.05 * own - 2.0 * own**2 + 0.01 * other,
         "x": -0.04 * own + 0.3 * own**2 - 0.02 * other - (0.5 * side * rack if front else 0.0),
-        "toe": -0.1 * own + 0.03 * other + (side * (7.0 * rack + MIXED * own * rack) if front else 0.0) + 0.002,
+        "toe": -0.1 * own
+        + 0.03 * other
+        + (side * (7.0 * rack + MIXED * own * rack + BEYOND * own**2 * rack**2) if front else 0.0)
+        + 0.002,
         "camber": -0.2 * own - 0.05 * other - (0.4 * side * rack if front else 0.0) - 0.01,
         "spin": -0.6 * own + 1.5 * own**2,
     }[name]
@@ -80,7 +83,7 @@ def write(path: Path, columns: Readings, name_of: Callable[[str], str] | None = 
     return path
 
 
-def test_curves_are_those_of_the_car_and_the_mixed_error_is_its_mixed_term(tmp_path: Path) -> None:
+def test_curves_and_products_are_those_of_the_car_and_the_mixed_error_is_what_remains(tmp_path: Path) -> None:
     tables = joint_tables(read_bench([write(tmp_path / "all.csv", readings())]))
     names = {"half_track": "y", "half_wheelbase": "x", "toe": "toe", "camber": "camber", "pitch": "spin"}
     for corner, table in tables.items():
@@ -89,7 +92,11 @@ def test_curves_are_those_of_the_car_and_the_mixed_error_is_its_mixed_term(tmp_p
             for i, name in enumerate(JOINTS):
                 expected = joint(names[name], corner, own, other, rack) - joint(names[name], corner, 0.0, 0.0, 0.0)
                 assert got[i] == pytest.approx(expected, abs=2e-5)
-        largest = MIXED * 0.03 * 0.04 if corner[0] == "f" else 0.0
+        side = 1.0 if corner[1] == "l" else -1.0
+        toe = list(JOINTS).index("toe")
+        assert table.rack_product[toe] == pytest.approx(side * MIXED if corner[0] == "f" else 0.0, abs=1e-6)
+        np.testing.assert_allclose(table.product, 0.0, atol=1e-6)
+        largest = BEYOND * 0.03**2 * 0.04**2 if corner[0] == "f" else 0.0
         assert table.mixed["toe"] == pytest.approx(largest, abs=2e-6)
         assert table.mixed["half_track"] == pytest.approx(0.0, abs=2e-5)
         slope = table.own.value(np.array(0.01), 1)[list(JOINTS).index("pitch")]

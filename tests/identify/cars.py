@@ -77,6 +77,7 @@ def with_joints(vehicle: Vehicle) -> Vehicle:
         tables = JointTables(
             curves[0], curves[1], curves[2] if name[0] == "f" else None, {},
             product=k * np.array([0.7, -0.4, 0.5, 0.9, -0.6]),
+            rack_product=k * np.array([0.3, 0.6, -4.0, -3.0, 1.0]) * (name[0] == "f"),
         )  # fmt: skip
         corners[name] = replace(corner, table=None, joints=tables, driven=False)
     return replace(vehicle, corners=corners)
