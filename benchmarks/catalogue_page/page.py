@@ -123,7 +123,7 @@ def entry(cls: type[Effect], found: list[Effect]) -> list[str]:
     lines = [f"### {cls.name}", "", *prose(cls), ""]
     lines += [f"- **rows**: {rows_of(cls)}", f"- **at**: {places(found)}", *parameters(found)]
     if found:
-        lines += [_constant(name, values, *found[0].bounds_of(name)) for name, values in cls.grids.items()]
+        lines += [_constant(found[0], name, values) for name, values in cls.grids.items()]
     if cls.needs:
         lines.append(f"- **needs**: {', '.join(f'`{channel}`' for channel in cls.needs)}")
     lines += [f"- **in the residual**: {cls.signature}", f"- **shown by**: {cls.shown_by}"]
@@ -233,8 +233,9 @@ def pictured() -> Mapping[str, Any]:
     return json.loads(PICTURED.read_text(encoding="utf-8")) if PICTURED.is_file() else {}
 
 
-def _constant(name: str, values: Iterable[float], low: float, high: float) -> str:
-    return f"- **{name} tried**: {_values(values)} (SI), plausible from {_number(low)} to {_number(high)}"
+def _constant(effect: Effect, name: str, values: Iterable[float]) -> str:
+    low, high = (f"{_number(bound)} {effect.grid_units[name]}".rstrip() for bound in effect.bounds_of(name))
+    return f"- **{name} tried**: {_values(values)}, plausible from {low} to {high}"
 
 
 def _values(values: Iterable[float]) -> str:

@@ -121,6 +121,8 @@ class Effect(ABC):
     """Channels it needs beyond those of the rows it acts on."""
     grids: ClassVar[Mapping[str, tuple[float, ...]]] = {}
     """Values tried for each shape constant [SI]."""
+    grid_units: ClassVar[Mapping[str, str]] = {}
+    """SI unit of each shape constant, empty for a number."""
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {}
     """Smallest and largest plausible value of shape constants [SI], between which the law is a continuous function of
     them; of a constant that is not named, those of its grid (`bounds_of`)."""

@@ -85,6 +85,10 @@ def catalogue_text(
     return "\n".join([*out, *(excluded_text(one) for one in measured)])
 
 
+def _unit_after(family: type[Effect], constant: str) -> str:
+    return f" {family.grid_units.get(constant, '(SI)')}".rstrip()
+
+
 def family_text(family: type[Effect], variants: Sequence[Effect], reference: str) -> str:
     """A family of effects: where it acts, parameters, what it needs, looks like and is shown by; ends in a line feed.
 
@@ -98,7 +102,8 @@ def family_text(family: type[Effect], variants: Sequence[Effect], reference: str
     out.append(f"    rows: {', '.join(family.rows or ('those its channels enter',))}")
     out += [f"    parameter: {parameter}" for parameter in _parameters(own)]
     out += [
-        f"    tried: {shape} {', '.join(f'{value:g}' for value in values)} (SI), plausible {_range(own[0], shape)}"
+        f"    tried: {shape} {', '.join(f'{value:g}' for value in values)}{_unit_after(family, shape)}, "
+        f"plausible {_range(own[0], shape)}"
         for shape, values in family.grids.items()
     ]
     if family.needs:

@@ -17,6 +17,7 @@ from lacet.identify.selection.laws.formulas import Formula, Law
 from lacet.identify.selection.settings import SELECTION
 from lacet.services.render import tables
 from lacet.services.render.effect_text import needed, not_measured
+from lacet.services.render.shape_constants import constants_text
 
 NOT_NAMED = (Reason.PART_OF_REST, Reason.TIED)
 """Reasons why an effect of the set found is no name beside an unlisted cause."""
@@ -80,18 +81,18 @@ def reason_text(c: Candidate, effect: Effect | None, draws: int) -> str:
         case Reason.TIED:
             return f"{takes} Undecided beside a cause that is not listed: {_tied(c)} cannot be ruled out in its place."
         case _ if c.answer is Answer.MISSING:
-            return f"{takes} Its size is {sizes(c, effect.parameters)} (95 %); {chance}."
+            return f"{takes} Its size is {sizes(c, effect)} (95 %); {chance}."
         case _:
             return (
-                f"{takes} Alone its size would be about {_about(c, effect.parameters)}, which other missing effects "
+                f"{takes} Alone its size would be about {_about(c, effect)}, which other missing effects "
                 f"may still move; {chance}."
             )
 
 
-def _about(c: Candidate, parameters: Sequence[Parameter]) -> str:
+def _about(c: Candidate, effect: Effect) -> str:
     """A candidate's parameters without intervals: estimated beside a model that lacks others."""
-    parts = [f"{last_name(q)} = {value:.3g} {q.unit}" for q, value in zip(parameters, c.values, strict=True)]
-    return ", ".join([*parts, *(f"{name} {value:.3g} (SI)" for name, value in c.shape.items())])
+    parts = [f"{last_name(q)} = {value:.3g} {q.unit}" for q, value in zip(effect.parameters, c.values, strict=True)]
+    return ", ".join([*parts, *constants_text(effect, c.shape)])
 
 
 def _rivals(c: Candidate) -> str:
@@ -103,18 +104,16 @@ def _rivals(c: Candidate) -> str:
     return f" It explains {c.margin:.3g} weighted squares more than {c.rival}, the best in its place."
 
 
-def sizes(c: Candidate, parameters: Sequence[Parameter]) -> str:
+def sizes(c: Candidate, effect: Effect) -> str:
     """A candidate's parameters with 95 % intervals, and its shape constants."""
-    parts = [
-        f"{last_name(q)} = {rounded(value, half)} ± {two_digits(half)} {q.unit}"
-        for q, value, half in zip(parameters, c.values, c.interval, strict=True)
-    ]
+    each = list(zip(effect.parameters, c.values, c.interval, strict=True))
+    parts = [f"{last_name(q)} = {rounded(value, half)} ± {two_digits(half)} {q.unit}" for q, value, half in each]
     unusual = [
         last_name(q)
-        for q, value, half in zip(parameters, c.values, c.interval, strict=True)
+        for q, value, half in each
         if (q.expect == "positive" and value + half < 0.0) or (q.expect == "negative" and value - half > 0.0)
     ]
-    out = ", ".join([*parts, *(f"{name} {value:.3g} (SI)" for name, value in c.shape.items())])
+    out = ", ".join([*parts, *constants_text(effect, c.shape)])
     return f"{out} (the sign of {', '.join(unusual)} is not the usual one)" if unusual else out
 
 
@@ -221,7 +220,7 @@ def _sentence(text: str) -> str:
 
 def _each(d: Diagnosis) -> str:
     """Sizes of the effects found; of those that are known as a sum, the sum once."""
-    parts = [f"{c.key}: {sizes(c, d.effects[c.key].parameters)}" for c in d.found if c.total is None]
+    parts = [f"{c.key}: {sizes(c, d.effects[c.key])}" for c in d.found if c.total is None]
     sums = dict.fromkeys(c.total for c in d.found if c.total is not None)
     return "; ".join([*parts, *(_as_one(total) for total in sums)])
 

@@ -30,6 +30,7 @@ class EngineMount(PhysicalEffect):
     rows = ("chassis.fz", "chassis.my")
     instantaneous = False
     grids: ClassVar = {"frequency": (7.0, 9.0, 11.0, 14.0), "damping": (0.08,)}
+    grid_units: ClassVar = {"frequency": "Hz", "damping": ""}
     bounds: ClassVar = {"frequency": (5.0, 18.0), "damping": (0.03, 0.3)}
 
     @classmethod

@@ -116,6 +116,7 @@ def effect_class(line: Line) -> type[OneLine]:
         "source": "one line of the user's",
         "rows": tuple(dict.fromkeys(law.row for law in line.rows)),
         "grids": dict(line.grids),
+        "grid_units": {name: line.constants[name].unit for name in line.grids},
         "instantaneous": not line.has_memory,
         "bend": _bend(line),
         "plausible": {name: line.bounds.get(name) or _plausible(line, name) for name in line.parameters},

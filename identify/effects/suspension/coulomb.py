@@ -25,6 +25,7 @@ class Coulomb(SuspensionForce):
     looks_like = ("damper_hysteresis",)
     # Narrower bands than 2 mm/s look the same: the travel rate is known to some millimetres a second.
     grids: ClassVar = {"v0": (0.002, 0.005, 0.01, 0.02, 0.04)}
+    grid_units: ClassVar = {"v0": "m/s"}
     # What saturates beyond 50 mm/s is a damper (`damper_saturation`).
     bounds: ClassVar = {"v0": (0.002, 0.05)}
 

@@ -45,6 +45,7 @@ class DamperSaturation(SuspensionForce):
     looks_like = ("damper_knee",)
     # Valves open from some 50 mm/s on; what saturates below is friction (`coulomb`).
     grids: ClassVar = {"v0": (0.05, 0.1, 0.2, 0.4)}
+    grid_units: ClassVar = {"v0": "m/s"}
     bounds: ClassVar = {"v0": (0.05, 0.8)}
 
     @property

@@ -27,6 +27,7 @@ class DamperHysteresis(SuspensionForceWithMemory):
     looks_like = ("coulomb",)
     # Shorter strokes than a few tenths of a millimetre of laser noise cannot be followed.
     grids: ClassVar = {"length": (0.001, 0.003, 0.01)}
+    grid_units: ClassVar = {"length": "m"}
     bounds: ClassVar = {"length": (0.001, 0.03)}
 
     @property

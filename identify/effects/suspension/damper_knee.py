@@ -27,6 +27,7 @@ class DamperKnee(SuspensionForce):
     looks_like = ("damper_saturation",)
     # Valves open from some 50 mm/s on; a knee below cannot be told from friction at 7 mm/s of noise of the travel rate.
     grids: ClassVar = {"v0": (0.05, 0.07, 0.1, 0.15, 0.25)}
+    grid_units: ClassVar = {"v0": "m/s"}
     bounds: ClassVar = {"v0": (0.03, 0.5)}
 
     @property
@@ -47,6 +48,7 @@ class _KneeOneWay(SuspensionForce):
     bend = Bend.RATE
     # Steps of a factor of two: the knee is searched between them.
     grids: ClassVar = {"v0": (0.05, 0.1, 0.2)}
+    grid_units: ClassVar = {"v0": "m/s"}
     bounds: ClassVar = {"v0": (0.03, 0.5)}
 
     @property

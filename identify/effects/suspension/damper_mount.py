@@ -25,6 +25,7 @@ class DamperMount(SuspensionForceWithMemory):
     shown_by = "rough road: travel rates at low and at high frequency"
     source = "Maxwell (1867), Phil. Trans. R. Soc. 157, 49; Dixon (2007), The Shock Absorber Handbook, chapter 3"
     grids: ClassVar = {"T": (0.005, 0.02, 0.08, 0.3)}
+    grid_units: ClassVar = {"T": "s"}
     bounds: ClassVar = {"T": (0.002, 1.0)}
 
     @property

@@ -25,6 +25,7 @@ class HelperSpring(SuspensionForce):
     bend = Bend.TRAVEL
     looks_like = ("bump_stop", "rebound_stop")
     grids: ClassVar = {"gap": (-0.04, -0.02, -0.01, 0.0, 0.01, 0.02, 0.04)}
+    grid_units: ClassVar = {"gap": "m"}
     bounds: ClassVar = {"gap": (-0.08, 0.08)}
 
     @property

@@ -20,6 +20,7 @@ class _Stop(SuspensionForce):
     bend = Bend.TRAVEL
     looks_like = ("helper_spring",)
     grids: ClassVar = {"gap": (0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.06), "n": (1.0, 2.0)}
+    grid_units: ClassVar = {"gap": "m", "n": ""}
     bounds: ClassVar = {"gap": (0.0, 0.08), "n": (1.0, 3.0)}
 
     @property

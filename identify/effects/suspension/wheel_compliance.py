@@ -29,6 +29,7 @@ class _WheelCompliance(PhysicalEffect):
     """
 
     grids: ClassVar = {"other": (0.0, 1.0)}
+    grid_units: ClassVar = {"other": ""}
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:

@@ -1,0 +1,21 @@
+"""Shape constants of effects as text, in the unit that people use."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from lacet.identify.effects.base import Effect
+
+_IN_THOUSANDTHS = {"m": "mm", "m/s": "mm/s", "s": "ms"}
+"""SI unit → the unit in which values below one are written."""
+
+
+def constants_text(effect: Effect, shape: Mapping[str, float]) -> list[str]:
+    """Each constant with three digits and its unit (``gap 5.55 mm``), SI where the effect does not state one."""
+    out: list[str] = []
+    for name, value in shape.items():
+        unit = effect.grid_units.get(name, "(SI)")
+        if unit in _IN_THOUSANDTHS and abs(value) < 1.0:
+            unit, value = _IN_THOUSANDTHS[unit], 1e3 * value
+        out.append(f"{name} {value:.3g} {unit}".rstrip())
+    return out

@@ -1,0 +1,19 @@
+"""Shape constants as text: in millimetres and milliseconds where they are small; SI where no unit is stated."""
+
+from __future__ import annotations
+
+from lacet.identify.effects.language.compiled import one_line_effects
+from lacet.services.render.shape_constants import constants_text
+from tests.identify.exact_car import KNOWN, VEHICLE
+
+
+def test_constants_have_the_units_people_use():
+    assert constants_text(KNOWN["bump_stop.front"], {"gap": 0.00555, "n": 1.05}) == ["gap 5.55 mm", "n 1.05"]
+    assert constants_text(KNOWN["coulomb.front"], {"v0": 0.0148}) == ["v0 14.8 mm/s"]
+    assert constants_text(KNOWN["damper_mount.front"], {"T": 1.5}) == ["T 1.5 s"]
+    own = one_line_effects("own = suspension: p * tanh(travel/s0), s0 = 3 8 mm", VEHICLE, "hub")[0]
+    assert constants_text(own, {"s0": 0.003, "other": 2.0}) == ["s0 3 mm", "other 2 (SI)"]
+
+
+def test_every_constant_of_the_catalogue_has_a_unit():
+    assert [key for key, effect in KNOWN.items() if set(effect.grids) != set(effect.grid_units)] == []
