@@ -84,10 +84,9 @@ def test_pictures_are_small_and_none_is_left_over() -> None:
 
 
 def test_links_lead_to_headings() -> None:
-    """Within the page, and to files beside it."""
-    anchors = {h.lower().replace(" ", "-") for h in re.findall(r"^#+ (.+)$", TEXT, re.MULTILINE)}
+    """Within the page, and to files beside it and headings in these."""
     for link in re.findall(r"\]\(([^)]+)\)", TEXT):
-        if link.startswith("#"):
-            assert link[1:] in anchors
-        else:
-            assert Path(made.PAGE.parent, link).is_file()
+        file, _, heading = link.partition("#")
+        text = Path(made.PAGE.parent, file).read_text(encoding="utf-8") if file else TEXT
+        anchors = {h.lower().replace(" ", "-") for h in re.findall(r"^#+ (.+)$", text, re.MULTILINE)}
+        assert not heading or heading in anchors, link
