@@ -104,7 +104,8 @@ class Diagnosis:
     noise : noise in the columns at the first screening, for the next ranking.
     grounds : grounds of the verdict.
     effects : key → effect of every candidate that can be computed.
-    formulas : laws that part of an unlisted rest follows, best first.
+    formulas : laws that part of an unlisted rest follows, best first; `described` those that were in the fit which the
+        sizes of the effects found are of.
     after : the diagnosis of the model with all effects found; None where nothing is found, or it was not made.
     """
 
@@ -124,6 +125,7 @@ class Diagnosis:
     grounds: Grounds = field(repr=False)
     effects: Mapping[str, Effect] = field(repr=False)
     formulas: tuple[Formula, ...] = ()
+    described: tuple[str, ...] = ()
     after: Diagnosis | None = field(default=None, repr=False)
 
     @property
@@ -342,6 +344,7 @@ def _concluded(
         verdict, tuple(found), tuple(unlisted), rest.small if judged_rest else (),
         _maybe(joint, found, unlisted, candidates), answered(joint, found, tied), runs.row_ratios(floor), excess,
         explained, floor.count, first.noise_ratio, now.above, first.noise, grounds, first.effects, tuple(formulas),
+        known.laws if known else (),
     )  # fmt: skip
     if not found or not judged_rest or not_constant or tied:
         return diagnosis

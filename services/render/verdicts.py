@@ -257,14 +257,14 @@ def _remaining(d: Diagnosis) -> str:
             f" And something that is not listed remains in {rows}{f' and {more} more rows' if more > 0 else ''} "
             f"(÷ floor, with all these in the model)."
         )
-    laws = [f.of_one_term.text for f in d.formulas if not f.of_one_term.listed]
-    if not laws:
-        return out
-    described = " and ".join(repr(law) for law in laws)
-    return (
-        f"{_with_law(out, d.formulas)} The sizes above are from a fit with {described} in the model, too; in a model "
-        f"without, the cause that is not listed moves them."
-    )
+    out = _with_law(out, d.formulas)
+    if d.described:
+        laws = " and ".join(repr(law) for law in d.described)
+        out += (
+            f" The sizes above are from a fit with {laws} in the model, too; in a model without, the cause that is not "
+            f"listed moves them."
+        )
+    return out
 
 
 def _in_part(d: Diagnosis) -> str:

@@ -177,6 +177,7 @@ def diagnosis_result(d: Diagnosis) -> dict[str, Any]:
             "louder": dict(d.noise_ratio),
             "failing": list(d.failing),
             "formulas": [asdict(formula) for formula in d.formulas],
+            "described": list(d.described),
         }
     )
 

@@ -7,10 +7,9 @@ searched again beside them. What is then found must stand beside further laws, t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
-from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.selection.joint.refits import Joint, continued, only_plausible, only_standing, tested_again
 from lacet.identify.selection.laws.encompassing import only_encompassing
@@ -26,7 +25,8 @@ class Described:
     ----------
     joint, rest : the effects found, in a fit without the laws that describe it, and what it leaves.
     beside, beside_rest : the same effects in a fit with these laws, and what that leaves.
-    formulas : the laws, that explaining most first.
+    formulas : laws that the rest follows, that explaining most first.
+    laws : those in the fit of `beside`.
     """
 
     joint: Joint
@@ -34,6 +34,7 @@ class Described:
     beside: Joint
     beside_rest: Rest
     formulas: tuple[Formula, ...]
+    laws: tuple[str, ...] = ()
 
 
 def described(joint: Joint, rest: Rest, seed: int, progress: Progress) -> Described:
@@ -41,22 +42,26 @@ def described(joint: Joint, rest: Rest, seed: int, progress: Progress) -> Descri
     progress(Step(Stage.SYMBOLIC_LAWS))
     formulas = propose(joint.space, rest.unlisted)
     # Longer laws would describe a part of listed effects, too.
-    laws = [described_by(law, joint.space) for one in formulas if not (law := one.of_one_term).listed]
+    laws = [law for one in formulas if not (law := one.of_one_term).listed]
     before = Described(joint, rest, joint, rest, tuple(formulas))
     if joint.base is None or not laws:
         return before
-    found = _searched_again(joint, laws, seed, progress)
-    remaining = Rest.of(found.space, found.laws)
+    base = joint.base.with_effects([described_by(law, joint.space) for law in laws])
+    known, remaining = tested_again(replace(joint, base=base, dropped=frozenset(), parts=frozenset()), seed, progress)
+    if not set(remaining.unlisted) < set(rest.unlisted):  # they describe no row, which hides effects as before
+        return before
+    found = _searched_again(known, joint.parts, seed, progress)
+    out = replace(
+        before, beside=found, beside_rest=Rest.of(found.space, found.laws), laws=tuple(law.text for law in laws)
+    )
     if set(found.keys) == set(joint.keys):
-        return replace(before, beside=found, beside_rest=remaining)
-    return Described(*tested_again(replace(found, base=joint.base), seed, progress), found, remaining, tuple(formulas))
+        return out
+    without, rest = tested_again(replace(found, base=joint.base), seed, progress)
+    return replace(out, joint=without, rest=rest)
 
 
-def _searched_again(joint: Joint, laws: Sequence[Effect], seed: int, progress: Progress) -> Joint:
-    """What is found in a fit with these laws; effects that did not stand without them are tried as well."""
-    assert joint.base is not None
-    known = replace(joint, base=joint.base.with_effects(laws), dropped=frozenset(), parts=frozenset())
-    found, _ = tested_again(known, seed, progress)
-    found = continued(only_standing(found, seed, progress), seed, progress)
+def _searched_again(known: Joint, parts: Collection[str], seed: int, progress: Progress) -> Joint:
+    """What is found in a fit that has laws that describe a rest; `parts` : keys of what did not stand without them."""
+    found = continued(only_standing(known, seed, progress), seed, progress)
     found = only_encompassing(only_plausible(found, seed, progress), seed, progress)
-    return replace(found, parts=(joint.parts | found.parts) - set(found.keys))
+    return replace(found, parts=(found.parts | {*parts}) - set(found.keys))
