@@ -54,7 +54,7 @@ _FILLED: dict[AnyStage, str] = {
     ServiceStage.CANDIDATES: "trying {total} effects",
     Stage.TRIAL_COLUMNS: "what {total} effects would do",
     Stage.SHAPE_CONSTANTS: "the constants of {subject}",
-    Stage.ENCOMPASSING: "whether {subject} stands beside laws that are not listed",
+    Stage.ENCOMPASSING: "whether {subject} stands beside laws that are not listed: {done} of {total}",
     Stage.PARAMETER_CONSTANCY: "whether {subject} is the same in all runs",
     Stage.FIT_WITH_EFFECTS: "a fit with {subject}",
     Stage.FLOOR_BESIDE_EFFECT: "the noise floor beside {subject}",

@@ -36,19 +36,21 @@ Standing = Callable[[float, Array], bool]
 
 
 def only_encompassing(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
-    """The same without the laws found that do not stand beside simple laws that are not listed."""
+    """The same without the laws found that do not stand beside simple laws that are not listed.
+
+    Rows of several wheels at once, of rigs without wheel loads, have no such laws: what acts in these alone stands.
+    """
     tried, before = joint.space, joint
     doubted = {law.key for law in joint.laws if law.key in joint.keys}
+
+    def stands(fall: float, null: Array) -> bool:
+        return tried.family_wise_of(fall, null) <= SELECTION.level(tried.draws)
+
     while doubted:
         space = without_noise(joint.space)
         laws = [law for law in added_laws(space) if law.key in doubted]
         places = {effect.key: effect.where for effect in joint.effects}
-        progress(Step(Stage.ENCOMPASSING, subject=", ".join(law.key for law in laws)))
-
-        def stands(fall: float, null: Array) -> bool:
-            return tried.family_wise_of(fall, null) <= SELECTION.level(tried.draws)
-
-        failing = [law for law in laws if not encompasses(space, law, places[law.key], stands)]
+        failing = [law for law in laws if not encompasses(space, law, places[law.key], stands, progress)]
         if not failing:
             break
         weakest = min(failing, key=lambda law: law.force)
@@ -57,7 +59,9 @@ def only_encompassing(joint: Joint, seed: int, progress: Progress = silent) -> J
     return joint if joint is before else tested_again(joint, seed, progress)[0]
 
 
-def encompasses(space: ScoreTests, law: AddedLaw, where: str, stands: Standing) -> bool:
+def encompasses(
+    space: ScoreTests, law: AddedLaw, where: str, stands: Standing, progress: Progress = silent
+) -> bool:  # fmt: skip
     """Whether a law of the model stands beside the laws of the grammar that explain more in its place.
 
     `space` : score tests without the noise in the columns, which is not known of the grammar's; `where` the law acts.
@@ -66,7 +70,7 @@ def encompasses(space: ScoreTests, law: AddedLaw, where: str, stands: Standing) 
     pool = [one for kind, place in kinds for one in laws_at(space, kind, place)]
     beside: list[OneLine] = []
     for _ in range(LAWS.most_terms):
-        better = _better(space, law, beside, pool)
+        better = _better(space, law, beside, pool, progress)
         if better is None:
             return True
         beside.append(better)
@@ -76,10 +80,13 @@ def encompasses(space: ScoreTests, law: AddedLaw, where: str, stands: Standing) 
     return True
 
 
-def _better(space: ScoreTests, law: AddedLaw, beside: Sequence[OneLine], pool: Sequence[OneLine]) -> OneLine | None:
+def _better(
+    space: ScoreTests, law: AddedLaw, beside: Sequence[OneLine], pool: Sequence[OneLine], progress: Progress
+) -> OneLine | None:
     """The law of the pool that explains most in the place of a law of the model, if that is not due to chance."""
     best, most, drawn = None, -np.inf, np.full(space.draws, -np.inf)
     for start in range(0, len(pool), LAWS.together):
+        progress(Step(Stage.ENCOMPASSING, start, len(pool), law.key))
         place = _Place.of(space, law, beside, pool[start : start + LAWS.together])
         margins, null = place.margins()
         drawn = np.maximum(drawn, np.max(null, axis=0, initial=-np.inf))
