@@ -17,7 +17,7 @@ from lacet.identify.multibody.chain import Chain as Chain
 from lacet.identify.multibody.chain import Joint as Joint
 from lacet.identify.multibody.chain_base_parameters import base_parameters as base_parameters
 from lacet.identify.regression.model import Model as Model
-from lacet.identify.selection.score_tests import Candidate as Candidate
+from lacet.identify.selection.candidate import Candidate as Candidate
 from lacet.identify.signals.reconstruct import Recording as Recording
 from lacet.services.library.chains import IdentifiedChain as IdentifiedChain
 from lacet.services.library.chains import identify_chain as identify_chain
