@@ -11,7 +11,14 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 from lacet.identify.progress import Progress, Stage, Step
-from lacet.identify.selection.joint.refits import Joint, continued, only_plausible, only_standing, tested_again
+from lacet.identify.selection.joint.refits import (
+    Joint,
+    continued,
+    not_part_of_the_rest,
+    only_plausible,
+    only_standing,
+    tested_again,
+)
 from lacet.identify.selection.laws.encompassing import only_encompassing
 from lacet.identify.selection.laws.formulas import Formula, described_by, propose
 from lacet.identify.selection.rest import Rest
@@ -47,8 +54,11 @@ def described(joint: Joint, rest: Rest, seed: int, progress: Progress) -> Descri
     if joint.base is None or not laws:
         return before
     base = joint.base.with_effects([described_by(law, joint.space) for law in laws])
-    known, remaining = tested_again(replace(joint, base=base, dropped=frozenset(), parts=frozenset()), seed, progress)
-    if not set(remaining.unlisted) < set(rest.unlisted):  # they describe no row, which hides effects as before
+    # Of an effect of one run nothing shows that it is the same again: it may be a part of what is not described.
+    of_runs = {key for key, effect in joint.first.effects.items() if effect.is_of_run() and key not in joint.keys}
+    again = replace(joint, base=base, dropped=frozenset(of_runs), parts=frozenset())
+    known, remaining = tested_again(again, seed, progress)
+    if rest.excess <= 2.0 * remaining.lack.excess(rest.unlisted):  # it hides as before
         return before
     found = _searched_again(known, joint.parts, seed, progress)
     out = replace(
@@ -62,6 +72,7 @@ def described(joint: Joint, rest: Rest, seed: int, progress: Progress) -> Descri
 
 def _searched_again(known: Joint, parts: Collection[str], seed: int, progress: Progress) -> Joint:
     """What is found in a fit that has laws that describe a rest; `parts` : keys of what did not stand without them."""
-    found = continued(only_standing(known, seed, progress), seed, progress)
-    found = only_encompassing(only_plausible(found, seed, progress), seed, progress)
+    found = only_plausible(continued(only_standing(known, seed, progress), seed, progress), seed, progress)
+    found, _ = not_part_of_the_rest(found, Rest.of(found.space, found.laws), seed, progress)
+    found = only_encompassing(found, seed, progress)
     return replace(found, parts=(found.parts | {*parts}) - set(found.keys))
