@@ -14,6 +14,7 @@ from typing import ClassVar, Self, TypeVar
 
 import numpy as np
 
+from lacet.daq.channels import CORNERS
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import CornerMotion, GroundLaserOffset, Motion
@@ -221,6 +222,13 @@ class Effect(ABC):
     def corners(self) -> tuple[str, ...]:
         """The corners an axle or corner effect acts on."""
         return AXLES.get(self.where, (self.where,))
+
+    def acts_on(self, row: Row) -> bool:
+        """Whether it acts on a row, by the rows and corners that it declares; on all rows without any."""
+        if self.rows and row.kind not in self.rows and row not in self.rows:
+            return False
+        corners = {*self.corners()} & {*CORNERS}
+        return not corners or row.corner is None or row.corner in corners
 
     def named(self, parameter: str, unit: str, low: float, high: float, expect: str = "any") -> Parameter:
         """A parameter of this effect, ``effect.where.parameter``."""

@@ -45,7 +45,7 @@ from lacet.identify.selection.laws.described import Described, described
 from lacet.identify.selection.laws.encompassing import only_encompassing
 from lacet.identify.selection.laws.formulas import Formula, propose
 from lacet.identify.selection.relinearisation import relinearise, relinearised_columns
-from lacet.identify.selection.rest import Rest, acts_on, added_faults
+from lacet.identify.selection.rest import Rest, added_faults
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.selection.tolerance_tests import ToleranceUse
@@ -434,7 +434,7 @@ def _maybe(
         out += [key for key in closed & space.best_tests.keys() if _fall_within_range(space, key) >= most]
         absent = [candidates[key] for key in space.columns.unmeasured]
         laws = [effect for effect in absent if effect.as_physics is not None]
-        out += [effect.key for effect in laws if any(acts_on(effect, row) for row in unlisted)]
+        out += [effect.key for effect in laws if any(effect.acts_on(row) for row in unlisted)]
     return tuple(dict.fromkeys(out))
 
 

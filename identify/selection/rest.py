@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lacet.daq.channels import CORNERS
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect, Implausible
 from lacet.identify.multibody.vectors import Array
@@ -150,7 +149,7 @@ def _added(
         normal = np.linalg.inv(spread[np.ix_(at, at)])
         force = float(theta[at] @ normal @ theta[at])
         null = np.einsum("kd,kd->d", drawn[at], normal @ drawn[at])
-        acting = {row: a for row, a in squares.items() if acts_on(effect, row)}
+        acting = {row: a for row, a in squares.items() if effect.acts_on(row)}
         half = SELECTION.interval_quantile * np.sqrt(np.diag(spread)[at])
         wrong = effect.implausible(theta[at], half) if len(at) == len(effect.parameters) else None
         out.append(
@@ -160,15 +159,6 @@ def _added(
             )
         )  # fmt: skip
     return tuple(out)
-
-
-def acts_on(effect: Effect, row: Row) -> bool:
-    """Whether an effect of the car acts on a row, by the rows and the corners that it declares; all without any."""
-    kind, _, place = str(row).partition(".")
-    if effect.rows and kind not in effect.rows and str(row) not in effect.rows:
-        return False
-    corners = set(effect.corners()) & set(CORNERS)
-    return not corners or place not in CORNERS or place in corners
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from lacet.identify.effects.base import Effect, Parameter, is_sensor_fault
 from lacet.identify.effects.excluded import ExcludedEffect
 from lacet.identify.regression.prepared_run import Unmeasured
 from lacet.services.render.rows import CORNER_WORDS
+from lacet.services.render.shape_constants import unit_of
 
 _MEASURED = "Already measured: cannot be missing here"
 """Heading of what the measurements hold."""
@@ -85,10 +86,6 @@ def catalogue_text(
     return "\n".join([*out, *(excluded_text(one) for one in measured)])
 
 
-def _unit_after(family: type[Effect], constant: str) -> str:
-    return f" {family.grid_units.get(constant, '(SI)')}".rstrip()
-
-
 def family_text(family: type[Effect], variants: Sequence[Effect], reference: str) -> str:
     """A family of effects: where it acts, parameters, what it needs, looks like and is shown by; ends in a line feed.
 
@@ -101,11 +98,9 @@ def family_text(family: type[Effect], variants: Sequence[Effect], reference: str
     out.append(f"    where: {_places(own) or 'the whole car'}")
     out.append(f"    rows: {', '.join(family.rows or ('those its channels enter',))}")
     out += [f"    parameter: {parameter}" for parameter in _parameters(own)]
-    out += [
-        f"    tried: {shape} {', '.join(f'{value:g}' for value in values)}{_unit_after(family, shape)}, "
-        f"plausible {_range(own[0], shape)}"
-        for shape, values in family.grids.items()
-    ]
+    for shape, values in family.grids.items():
+        tried = f"{', '.join(f'{value:g}' for value in values)} {unit_of(family, shape)}".rstrip()
+        out.append(f"    tried: {shape} {tried}, plausible {_range(own[0], shape)}")
     if family.needs:
         out.append(f"    needs: {', '.join(family.needs)}")
     out += [f"    seen as: {family.signature}", f"    shown by: {family.shown_by}"]

@@ -10,11 +10,16 @@ _IN_THOUSANDTHS = {"m": "mm", "m/s": "mm/s", "s": "ms"}
 """SI unit → the unit in which values below one are written."""
 
 
+def unit_of(effect: Effect | type[Effect], constant: str) -> str:
+    """Unit of a shape constant; ``(SI)`` where the effect does not state it."""
+    return effect.grid_units.get(constant, "(SI)")
+
+
 def constants_text(effect: Effect, shape: Mapping[str, float]) -> list[str]:
-    """Each constant with three digits and its unit (``gap 5.55 mm``), SI where the effect does not state one."""
+    """Each constant with three digits and its unit (``gap 5.55 mm``)."""
     out: list[str] = []
     for name, value in shape.items():
-        unit = effect.grid_units.get(name, "(SI)")
+        unit = unit_of(effect, name)
         if unit in _IN_THOUSANDTHS and abs(value) < 1.0:
             unit, value = _IN_THOUSANDTHS[unit], 1e3 * value
         out.append(f"{name} {value:.3g} {unit}".rstrip())

@@ -110,7 +110,7 @@ def _and(keys: Sequence[str]) -> str:
 def _sum(total: Mapping[str, Any]) -> str:
     """The sum of a law's sizes over places that the runs do not distinguish."""
     value = f"{rounded(total['value'], total['half95_sheet'])} ± {two_digits(total['half95_sheet'])} {total['unit']}"
-    return f"{total['parameter']} summed = {value} (95 %, with sheet); a rough road would show the split"
+    return f"{total['parameter']} summed = {value} (95 %, with sheet); these runs do not show the split"
 
 
 def _size(c: Mapping[str, Any], effect: Effect | None) -> str:

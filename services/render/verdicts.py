@@ -210,7 +210,7 @@ def _as_one(total: SumOfPlaces) -> str:
     value = f"{rounded(total.value, total.half)} ± {two_digits(total.half)} {total.unit}"
     return (
         f"the sum of {total.parameter} over {' and '.join(total.keys)} is {value} (95 %), and these runs do not show "
-        f"how it is split; a rough road or kerbs would, where each wheel moves by itself"
+        f"how it is split; a run in which these places are loaded apart from each other would"
     )
 
 
@@ -260,9 +260,10 @@ def _remaining(d: Diagnosis) -> str:
     out = _with_law(out, d.formulas)
     if d.described:
         laws = " and ".join(repr(law) for law in d.described)
+        but = " but sums over places" if any(c.total is not None for c in d.found) else ""
         out += (
-            f" The sizes above are from a fit with {laws} in the model, too; in a model without, the cause that is not "
-            f"listed moves them."
+            f" The sizes above{but} are from a fit with {laws} in the model, too; in a model without, the cause that "
+            f"is not listed moves them."
         )
     return out
 

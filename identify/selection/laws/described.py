@@ -58,7 +58,8 @@ def described(joint: Joint, rest: Rest, seed: int, progress: Progress) -> Descri
     of_runs = {key for key, effect in joint.first.effects.items() if effect.is_of_run() and key not in joint.keys}
     again = replace(joint, base=base, dropped=frozenset(of_runs), parts=frozenset())
     known, remaining = tested_again(again, seed, progress)
-    if rest.excess <= 2.0 * remaining.lack.excess(rest.unlisted):  # it hides as before
+    hides = remaining.lack.excess(rest.unlisted)
+    if rest.excess - hides <= hides:  # the laws describe no more than remains
         return before
     found = _searched_again(known, joint.parts, seed, progress)
     out = replace(

@@ -59,7 +59,7 @@ def test_a_law_at_places_that_runs_do_not_part_is_one_title_with_its_sum():
     bars = [candidate(key, "missing", values=[10000.0], half95=[40000.0], sum=total) for key in total["effects"]]
     card = verdict_card(diagnosis("missing", *bars, candidate("coulomb.rear", "missing")), EFFECTS)
     assert card["title"] == "Missing: anti-roll bar, front + rear, and 1 more"
-    assert texts(card) == ["k summed = 20312 ± 2100 N/m (95 %, with sheet); a rough road would show the split"]
+    assert texts(card) == ["k summed = 20312 ± 2100 N/m (95 %, with sheet); these runs do not show the split"]
     assert words_of(card) <= MOST_WORDS
 
 
