@@ -2,30 +2,72 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import pytest
 
+from lacet.identify.effects.base import Effect
 from lacet.identify.effects.language.compiled import one_line_effects
+from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.laws import described
+from lacet.identify.selection.laws.formulas import Formula, Law
 from lacet.identify.validation.noise_floor import NoiseFloor
 from lacet.services.render.verdicts import says
-from tests.identify.exact_car import VEHICLE, driven, exact_with, fit_of
+from tests.identify.exact_car import KNOWN, VEHICLE, driven, exact_with, fit_of
 from tests.identify.selection.exact_ranking import CANDIDATES
 
 LAW = "hidden = suspension.front: p * travel**2*tanh(rate/v0) + q * tanh(rate/v1), v0 = 30 mm/s, v1 = 10 mm/s"
+OTHER_LAW = "hidden = suspension.front: p * tanh(abs(travel)/s0)*rate, s0 = 10 mm"
 FRICTION = 60.0
 
 
-def test_friction_is_found_beside_damping_that_is_not_listed(floor: NoiseFloor):
-    """With its own size: a fit without the law that describes the rest has twice the friction."""
+@pytest.fixture(scope="module")
+def lacks_both() -> Fit:
+    """The model on a run of a car with friction and a law of no catalogue."""
     (both,) = one_line_effects(LAW, VEHICLE, "hub")
-    fitted = fit_of(driven(exact_with(both, 200000.0, FRICTION), 1))
-    found = diagnose(fitted, floor, CANDIDATES)
+    return fit_of(driven(exact_with(both, 200000.0, FRICTION), 1))
+
+
+def test_friction_is_found_beside_damping_that_is_not_listed(lacks_both: Fit, floor: NoiseFloor):
+    """With its own size: a fit without the law that describes the rest has twice the friction."""
+    found = diagnose(lacks_both, floor, CANDIDATES)
     assert [c.key for c in found.found] == ["coulomb.front"], says(found)
     assert set(found.unlisted_rows) == {"suspension.fl", "suspension.fr"}
-    described = found.formulas[0].of_one_term
-    assert described.text.startswith("suspension.front: p * travel**2*tanh(rate/v0)")
-    assert described.explained > 0.8
-    assert f"from a fit with '{described.text}' in the model" in says(found)
+    law = found.formulas[0].of_one_term
+    assert law.text.startswith("suspension.front: p * travel**2*tanh(rate/v0)")
+    assert law.explained > 0.8
+    assert f"from a fit with '{law.text}' in the model" in says(found)
     assert found.found[0].values[0] == pytest.approx(FRICTION, abs=20.0)
     assert found.after is not None
     assert found.after.formulas == found.formulas
+
+
+def test_what_acts_in_one_run_only_is_no_name_beside_a_description(lacks_both: Fit, floor: NoiseFloor):
+    """It may be a part of what is not described; the same law of all runs is found above."""
+    friction = KNOWN["coulomb.front"]
+    kind = type("OfRun", (type(friction),), {"is_of_run": lambda self: True})
+    of_run = cast(Effect, kind(friction.where, friction.shape))
+    found = diagnose(lacks_both, floor, [of_run if one is friction else one for one in CANDIDATES])
+    assert found.described
+    assert found.found == (), says(found)
+
+
+def test_a_law_that_describes_less_than_remains_joins_no_fit(
+    lacks_both: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch
+):
+    useless = Law("suspension.front: p * ay", 1, 0, 0.1)
+    formula = Formula(useless.text, "front", (), 0.1, 1.0, 0.01, useless, (useless,))
+    monkeypatch.setattr(described, "propose", lambda space, rows: [formula])
+    found = diagnose(lacks_both, floor, CANDIDATES)
+    assert found.formulas == (formula,)
+    assert found.described == ()
+
+
+def test_a_stand_in_is_no_name_where_nothing_describes_the_rest(floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch):
+    (hidden,) = one_line_effects(OTHER_LAW, VEHICLE, "hub")
+    monkeypatch.setattr(described, "propose", lambda space, rows: [])
+    stand_in = KNOWN["damper_stroke_symmetric.front"]
+    found = diagnose(fit_of(driven(exact_with(hidden, 2500.0), 1)), floor, [*CANDIDATES, stand_in])
+    assert found.unlisted_rows
+    assert stand_in.key not in [c.key for c in found.found], says(found)

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.language.compiled import one_line_effects
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.progress import silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.linearisation import Linearisation
-from lacet.identify.selection.laws.encompassing import _Place, encompasses  # pyright: ignore[reportPrivateUsage]
+from lacet.identify.selection.joint.subset_search import inexactness_of
+from lacet.identify.selection.laws import encompassing
+from lacet.identify.selection.laws.encompassing import (
+    _better,  # pyright: ignore[reportPrivateUsage]
+    _Place,  # pyright: ignore[reportPrivateUsage]
+    encompasses,
+)
 from lacet.identify.selection.laws.formulas import laws_at
 from lacet.identify.selection.laws.search import without_noise
 from lacet.identify.selection.rest import AddedLaw, added_laws
 from lacet.identify.selection.score_tests import ScoreTests
+from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor
 from tests.identify.exact_car import KNOWN, VEHICLE, driven, exact_with, fit_of
 
@@ -47,12 +57,36 @@ def test_a_listed_law_does_not_stand_for_another_that_is_not_listed(lacks_unlist
     assert not encompasses(space, law, "front", beyond_chance)
 
 
+def test_a_law_that_only_describes_is_as_inexact_as_one_elsewhere(lacks_unlisted: Fit, floor: NoiseFloor):
+    _, law = with_law(lacks_unlisted, STAND_IN, floor)
+    exact, describes = (inexactness_of("another", law.rows, [replace(law, describes=one)]) for one in (False, True))
+    assert exact == pytest.approx(SELECTION.law_inexactness**2 * law.force)
+    assert describes == pytest.approx(SELECTION.selected_inexactness**2 * law.force)
+
+
 @pytest.mark.parametrize(("key", "size"), [("damper_stroke_symmetric.front", 3e5), ("coulomb.front", 60.0)])
 def test_a_listed_law_that_is_there_stands(key: str, size: float, floor: NoiseFloor):
     """Whatever a thousand laws of no catalogue explain in its place by chance."""
     hidden = KNOWN[key]
     space, law = with_law(fit_of(driven(exact_with(hidden, size), 2)), hidden, floor)
     assert encompasses(space, law, "front", beyond_chance)
+
+
+def test_more_than_the_truth_explains_must_be_beyond_chance(floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch):
+    """Without any other bar: where the law is there, no law of the grammar is better in its place."""
+    monkeypatch.setattr(encompassing, "SELECTION", replace(SELECTION, least_refinement_fall=-np.inf))
+    hidden = KNOWN["coulomb.front"]
+    space, law = with_law(fit_of(driven(exact_with(hidden, 60.0), 2)), hidden, floor)
+    assert _better(space, law, [], laws_at(space, "suspension", "front"), silent) is None
+
+
+def test_the_same_law_in_other_words_is_no_rival(floor: NoiseFloor):
+    """The grammar has most laws of the catalogue, too."""
+    hidden = KNOWN["spring_cubic.front"]
+    space, law = with_law(fit_of(driven(exact_with(hidden, 3e6), 2)), hidden, floor)
+    laws = {one.line.rows[0].text: one for one in laws_at(space, "suspension", "front")}
+    place = _Place.of(space, law, [], [laws["p * travel**3"], laws["p * rate**3"]])
+    assert place.others.tolist() == [2]
 
 
 def test_equations_of_a_law_are_those_without_it(lacks_unlisted: Fit, floor: NoiseFloor):
