@@ -19,7 +19,7 @@ endif
 # would spend seconds on compiling NumPy, SciPy and lacet anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help demo test lint format lock schema test-slow fuzz test-vcan benchmark first-work captures seeds coverage fewer no-loads blind fresh second-car laws campaign catalogue reference docs notebook clean moved
+.PHONY: help demo test lint format lock schema test-slow fuzz test-vcan benchmark first-work captures seeds coverage fewer no-loads blind fresh second-car laws campaign catalogue pictures reference docs notebook clean moved
 
 help:
 	@echo 'make demo          the whole chain on committed captures, in 3 minutes (5 with the packages)'
@@ -42,6 +42,7 @@ help:
 	@echo 'make laws          docs/benchmarks/laws.md anew: laws nobody listed, hidden and found (half an hour)   (ARGS="--set test")'
 	@echo 'make campaign      docs/benchmarks/campaign.md anew: 1, 10, 100 and 1,000 runs on two workers (half an hour)'
 	@echo 'make catalogue     docs/catalogue.md and its pictures anew'
+	@echo 'make pictures      the pictures of docs/model.md anew'
 	@echo 'make reference     docs/reference/ anew from the docstrings'
 	@echo 'make docs          the pages of docs/ as a site that can be searched, in build/site; a broken link is an error'
 	@echo 'make notebook      docs/notebooks anew from their scripts (a few minutes)'
@@ -124,6 +125,9 @@ reference: .venv/.dev
 
 catalogue: .venv/.dev
 	@$(PY) -m benchmarks.catalogue_page
+
+pictures: .venv/.dev
+	@$(PY) -m benchmarks.model_page
 
 docs: .venv/.dev
 	@$(PY) -m sphinx -q -W --keep-going -b html docs build/site

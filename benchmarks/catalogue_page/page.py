@@ -38,20 +38,28 @@ RUNS = ("RUN", "OTHER")
 
 HEAD = """# The catalogue of effects
 
-Every effect `lacet diagnose` can name: its law, the [rows](rows.md) it acts on, and how the residual shows it when the
-model lacks it. Written by `python -m benchmarks.catalogue_page` from `identify/effects`; do not edit by hand. An effect
-of your own: [effects.md](effects.md).
+Every effect `lacet diagnose` can name: its law, the [rows](rows.md) it acts on, and what it leaves in the residual of a
+model that lacks it. `make catalogue` writes this page from `identify/effects`. An effect of your own:
+[effects.md](effects.md).
 
-The pictures: the base model is fitted to two runs of a simulated car ({car}, ordinary noise and zeros) that has the
+**Pictures.** The base model is fitted to two runs of a simulated car ({car}, ordinary noise and zeros) that has the
 effect. Left: the residual of one row of the first run ÷ its noise floor (RMS), ± 2 in grey. Right: the same against the
-state it follows, its mean in red. A mean that leaves the band in the form of a law points to that law. The base model
-absorbs what it can (of friction, the damper takes the slope), so that a residual is seldom the law itself. Sizes show
-the form plainly; smaller ones are found. The command below a picture makes a run like its first; where there is none,
-the simulator has no such effect: its force is added to a plain run's, less what the base model absorbs.
+state it follows, its mean in red: a mean that leaves the grey band has the form of the missing law, less what the base
+model absorbs (of friction, the damper absorbs the slope). Sizes are chosen to show the form; smaller ones are found.
+“`--hide anti_roll_bar.front=15000` in `{run}`” stands for this command:
 
-Parameters are bounded by what is plausible on any car; a value of the unusual sign hints at something else. Constants
-that are not linear are tried at the values given.
+```sh
+{command}
+```
+
+Of an effect that the simulator does not have, the force is added to a plain run instead, less what the base model
+absorbs.
+
+**Parameters** have the range that is plausible on any car; a value of the unusual sign points to another cause.
+Constants that are not linear are tried at the values given.
 """
+SHOWN = "anti_roll_bar"
+"""The family of the command on top of the page."""
 
 
 def page() -> str:
@@ -60,20 +68,16 @@ def page() -> str:
     for cls in effect_classes().values():
         grouped[group_of(cls)].append(cls)
     found = variants()
-    contents = {
-        group: [(cls.name, cls.about, rows_of(cls), cls.shown_by) for cls in classes]
-        for group, classes in grouped.items()
-    } | {MEASURED: [(one.name, one.about, "none", one.shown_by) for one in EXCLUDED]}
+    contents = {group: [(cls.name, cls.about) for cls in classes] for group, classes in grouped.items()}
+    contents[MEASURED] = [(one.name, one.about) for one in EXCLUDED]
     entries = {
         group: [entry(cls, found.get(cls.name, [])) for cls in classes] for group, classes in grouped.items()
     } | {MEASURED: [excluded_entry(one) for one in EXCLUDED]}
-    lines = [HEAD.format(car=CAR), "| family | what it is | rows | shown by |", "|---|---|---|---|"]
+    lines = [HEAD.format(car=CAR, run=_run(CASES[SHOWN]), command=command(CASES[SHOWN]))]
     for group in GROUPS:
-        lines.append(f"| **[{group}](#{group.lower().replace(' ', '-')})** | | | |")
-        lines += [
-            f"| [{name}](#{name}) | {_cell(about)} | {_cell(rows)} | {_cell(shown_by)} |"
-            for name, about, rows, shown_by in contents[group]
-        ]
+        lines += [f"[{group}](#{group.lower().replace(' ', '-')}):", ""]
+        lines += [*(f"- {_link(name)}: {about}" for name, about in contents[group]), ""]
+    lines.pop()
     for group in GROUPS:
         lines += ["", f"## {group}"]
         for one in entries[group]:
@@ -121,14 +125,13 @@ def entry(cls: type[Effect], found: list[Effect]) -> list[str]:
     """Everything about one family."""
     case = CASES.get(cls.name)
     lines = [f"### {cls.name}", "", *prose(cls), ""]
-    lines += [f"- **rows**: {rows_of(cls)}", f"- **at**: {places(found)}", *parameters(found)]
+    needs = f"; needs {', '.join(f'`{channel}`' for channel in cls.needs)}" if cls.needs else ""
+    lines += [f"- **rows**: {rows_of(cls)}; at {places(found)}{needs}", *parameters(found)]
     if found:
         lines += [_constant(found[0], name, values) for name, values in cls.grids.items()]
-    if cls.needs:
-        lines.append(f"- **needs**: {', '.join(f'`{channel}`' for channel in cls.needs)}")
     lines += [f"- **in the residual**: {cls.signature}", f"- **shown by**: {cls.shown_by}"]
     if cls.looks_like:
-        lines.append(f"- **looks alike**: {', '.join(_link(name) for name in cls.looks_like)}")
+        lines.append(f"- **resembles**: {', '.join(_link(name) for name in cls.looks_like)}")
     lines += [f"- **source**: {cls.source}", "", *picture(cls.name, case)]
     return lines
 
@@ -183,7 +186,7 @@ def parameters(found: list[Effect]) -> list[str]:
     for (unit, low, high, expect), names in kinds.items():
         shown = ", ".join(f"`{name}`" for name in names[:NAMES_SHOWN]) + (", …" if len(names) > NAMES_SHOWN else "")
         unit = "" if unit == "-" else f" {unit}"
-        out.append(f"- **parameter** {shown}: {_number(low)} to {_number(high)}{unit}, {SIGNS[expect]}")
+        out.append(f"- {shown}: {_number(low)} to {_number(high)}{unit}, {SIGNS[expect]}")
     return out
 
 
@@ -201,31 +204,31 @@ def picture(name: str, case: Case | None) -> list[str]:
     if facts is None:
         return ["No picture yet: `python -m benchmarks.catalogue_page`."]
     row, ratio, state = facts["row"], facts["ratio"], facts["state"]
-    shown = f"![{row} of a car with {name}, over time and against {state}](images/effects/{name}.png)"
-    return [shown, "", f"`{row}` is {ratio:g} × its floor. {_how(case)}", *_command(case)]
+    shown = f"![{row} with {name}, over time and against {state}](images/effects/{name}.png)"
+    return [shown, "", f"`{row}` at {ratio:g} floors: {_how(case)}; second run: `{case.beside}`."]
 
 
 def _how(case: Case) -> str:
-    run, beside = f"`{case.run}`", f"fitted together with `{case.beside}`"
     if case.how == "share":
-        return f"What the rest of the base model leaves for it to explain, in {run}; {beside}."
+        return f"what the other terms of the base model leave in `{case.run}`"
     if case.how == "law":
-        return f"`{case.option}` in {run}; {beside}."
+        return f"force of `{case.option}` added to `{_run(case)}`"
     if not case.hidden:
-        return f"Every simulated car has it, and nothing remains: {run}; {beside}."
-    return f"It is {beside}{', of a car without it' if case.only_there else ''}."
+        return f"nothing remains, and every simulated car has it: `{case.run}`"
+    return f"`--hide {case.option}` in `{_run(case)}`{', not in the second run' if case.only_there else ''}"
 
 
-def _command(case: Case) -> list[str]:
-    """How to hide it oneself."""
-    if not case.effects:
-        return []
-    name, *settings = case.run.split()
-    if not any(setting.startswith("duration=") for setting in settings):
-        settings.append(f"duration={DURATION:g}")
+def _run(case: Case) -> str:
+    """Manoeuvre and settings of the first run, the duration among them."""
+    return case.run if " duration=" in case.run else f"{case.run} duration={DURATION:g}"
+
+
+def command(case: Case) -> str:
+    """How to simulate the first run oneself."""
+    name, *settings = _run(case).split()
     options = "".join(f" --set {setting}" for setting in settings)
-    command = f"lacet simulate --rig {RIG} --manoeuvre {name}{options} --seed {SEED}"
-    return ["", "```sh", f"{command} --hide {case.option} --format parquet -o runs", "```"]
+    start = f"lacet simulate --rig {RIG} --manoeuvre {name}{options} --seed {SEED}"
+    return f"{start} --hide {case.option} --format parquet -o runs"
 
 
 def pictured() -> Mapping[str, Any]:
@@ -235,7 +238,7 @@ def pictured() -> Mapping[str, Any]:
 
 def _constant(effect: Effect, name: str, values: Iterable[float]) -> str:
     low, high = (f"{_number(bound)} {effect.grid_units[name]}".rstrip() for bound in effect.bounds_of(name))
-    return f"- **{name} tried**: {_values(values)}, plausible from {low} to {high}"
+    return f"- `{name}` tried at {_values(values)}; plausible: {low} to {high}"
 
 
 def _values(values: Iterable[float]) -> str:
@@ -250,7 +253,3 @@ def _number(value: float) -> str:
 
 def _link(name: str) -> str:
     return f"[{name}](#{name})"
-
-
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|")

@@ -208,7 +208,7 @@ def test_links_between_pages_lead_somewhere(page):
 
 LONGEST = 1600
 """Words of prose that a page may have: beyond, nobody finds an answer in a minute. Source: a choice."""
-COLLECTIONS = ("CHANGELOG.md", "docs/catalogue.md", "docs/glossary.md")
+COLLECTIONS = ("CHANGELOG.md", "docs/catalogue.md", "docs/glossary.md", "docs/json.md")
 """Pages of entries, each of which is read by itself."""
 
 

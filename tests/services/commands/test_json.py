@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import re
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,36 +25,87 @@ from tests.support.tables import CAR, FILES, piece, written
 PAGE = (ROOT / "docs" / "json.md").read_text(encoding="utf-8")
 
 
+ENTRY = re.compile(r"^- `(?P<keys>[^`]+)`(?: \((?P<type>(?:[^()]|\([^)]*\))*)\))?(?::|$)", re.MULTILINE)
+"""One line of the page: keys, type in round brackets, meaning."""
+
+TYPES: dict[str, Callable[[Any], bool]] = {
+    "string": lambda value: isinstance(value, str),
+    "boolean": lambda value: isinstance(value, bool),
+    "integer": lambda value: isinstance(value, int) and not isinstance(value, bool),
+    "number": lambda value: isinstance(value, int | float) and not isinstance(value, bool),
+    "object": lambda value: isinstance(value, dict),
+    "list": lambda value: isinstance(value, list),
+    "strings": lambda value: isinstance(value, list) and all(isinstance(one, str) for one in value),
+    "numbers": lambda value: isinstance(value, list) and all(isinstance(one, int | float) for one in value),
+    "nulls": lambda value: isinstance(value, list) and all(one is None or isinstance(one, float) for one in value),
+    "null": lambda value: value is None,
+}
+
+
+def section(heading: str) -> str:
+    """The text under a heading, up to the next one."""
+    return re.split(r"^#", re.split(rf"^#+ {heading}\n", PAGE, flags=re.MULTILINE)[1], maxsplit=1, flags=re.MULTILINE)[
+        0
+    ]
+
+
+def entries(text: str) -> Iterator[tuple[str, str, bool]]:
+    """(path, type, whether it is optional) of each key of a section; `a.{b, c}` are two, an object has its keys."""
+    for entry in ENTRY.finditer(text):
+        kind, optional = re.subn(r"\*optional\*,? ?", "", entry["type"] or "")
+        for path in written_out(entry["keys"]):
+            if link := re.match(r"\[([^]]+)\]", kind):
+                yield from ((f"{path}.{below}", type_, False) for below, type_, _ in entries(section(link[1])))
+            else:
+                yield path, kind or COMMON.get(path.rpartition(".")[2], "string"), bool(optional)
+
+
+def written_out(path: str) -> list[str]:
+    """`a.{b, c}` → `a.b`, `a.c`."""
+    if (braces := re.search(r"\{([^}]+)\}", path)) is None:
+        return [path]
+    start, stop = braces.span()
+    return [one for part in braces[1].split(", ") for one in written_out(path[:start] + part + path[stop:])]
+
+
+COMMON = {entry["keys"]: entry["type"] or "string" for entry in ENTRY.finditer(section("Keys of all commands"))}
+"""Key → type, of keys that mean the same in every command."""
+
+
 def documented(command: str) -> tuple[dict[str, Any], set[str]]:
-    """The tree of keys a section lists, and the optional ones."""
-    section = PAGE.split(f"\n## {command}\n")[1].split("\n## ")[0]
-    tree: dict[str, Any] = {"format": {}, "command": {}}
+    """The tree of keys a section lists, with the types at its leaves under "", and the optional ones."""
+    tree: dict[str, Any] = {"format": {"": "string"}, "command": {"": "string"}}
     optional: set[str] = set()
-    for path, meaning in re.findall(r"^\| `([^`]+)` \| [^|]+ \| (.*) \|$", section, re.M):
+    for path, kind, sometimes in entries(section(command)):
         node = tree
         for part in path.replace("[]", ".[]").split("."):
             node = node.setdefault(part, {})
-        if "*optional*" in meaning:
+        node[""] = kind
+        if sometimes:
             optional.add(path)
     return tree, optional
 
 
 def check(value: Any, tree: dict[str, Any], optional: set[str], place: str = "") -> None:
-    """Every key is documented and every documented key is there."""
-    if not tree:
+    """Every key is documented and has its type, and every documented key is there."""
+    below = {key: node for key, node in tree.items() if key}
+    if kind := tree.get(""):
+        kinds = kind.replace(" or ", " ").split()
+        assert any(TYPES[one](value) for one in kinds), f"{place}: {value!r} is not {kind}"
+    if not below or value is None:
         return
-    if "[]" in tree:
+    if "[]" in below:
         assert isinstance(value, list), place
         for item in value:
-            check(item, tree["[]"], optional, f"{place}[]")
-    elif "*" in tree:
+            check(item, below["[]"], optional, f"{place}[]")
+    elif "*" in below:
         for key, item in value.items():
-            check(item, tree["*"], optional, f"{place}.{key}")
+            check(item, below["*"], optional, f"{place}.{key}")
     else:
-        assert set(value) <= set(tree), place
-        assert set(tree) - set(value) <= optional, place
+        assert set(value) <= set(below), place
+        assert set(below) - set(value) <= optional, place
         for key, item in value.items():
-            check(item, tree[key], optional, f"{place}.{key}")
+            check(item, below[key], optional, f"{place}.{key}")
 
 
 def conforms(file: Path, command: str) -> dict[str, Any]:
@@ -90,8 +142,6 @@ def test_identify_study_compare_diagnose_and_add(tmp_path: Path, monkeypatch: py
     made = run("study", "new", folder, "--use", used, "--hold", held, *FILES, "--draws", "19")
     assert [v["version"] for v in made["versions"]] == [1]
     compared = run("compare", folder, "--no-pictures")
-    check(compared["used"], documented("identify")[0]["rows"]["used"], set(), "used")
-    check(compared["held"], documented("identify")[0]["rows"]["used"], set(), "held")
     assert compared["wheel_forces"]["held"]["wheel.fl.force_estimated.z"]["inside"] > 0.0
     bare, table = tmp_path / "bare.parquet", tmp_path / "forces.csv"
     pq.write_table(drop_loads(pq.read_table(held)), bare)
