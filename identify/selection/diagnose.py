@@ -44,7 +44,7 @@ from lacet.identify.selection.joint.subset_search import strength
 from lacet.identify.selection.laws.described import Described, described
 from lacet.identify.selection.laws.encompassing import only_encompassing
 from lacet.identify.selection.laws.formulas import Formula, propose
-from lacet.identify.selection.relinearisation import relinearise, relinearised_columns
+from lacet.identify.selection.relinearisation import latencies_beside, relinearise, relinearised_tests
 from lacet.identify.selection.rest import Rest, added_faults
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
@@ -158,8 +158,8 @@ def diagnose_runs(
 ) -> Diagnosis:  # fmt: skip
     """The same for runs wherever they are; where these cannot be fitted again, one effect at most is proposed."""
     progress(Step(Stage.SENSOR_TOLERANCES))
-    columns = relinearised_columns(Linearisation.of_runs(runs, floor), candidates, seed, progress)
-    joint = found_together(ScoreTests(columns, noise, progress), seed, progress)
+    recorded = ScoreTests.of(Linearisation.of_runs(runs, floor), candidates, seed, noise, progress)
+    joint = found_together(relinearised_tests(recorded, candidates, seed, progress), seed, progress)
     first = joint.first
     joint, rest = _of_another_start(*_settled(joint, seed, progress), seed, progress)
     listed = {effect.key: effect for effect in candidates}
@@ -236,9 +236,8 @@ def _in_doubt(joint: Joint, rest: Rest) -> bool:
 def _second_order_squares(space: ScoreTests) -> float:
     """Weighted squares of the latencies' second-order terms: about (ω τ / 2)² of those of first order."""
     layout, omega = space.layout, space.linearisation.omega
-    found = dict(zip(space.regression.nuisance.tolist(), space.regression.gain[:, layout.right].tolist(), strict=True))
     places = [layout.model + layout.sheet.index(entry) for entry in space.linearisation.latency_tolerances]
-    latencies = np.array([found.get(place, 0.0) for place in places])
+    latencies = latencies_beside(space)
     reach = omega * np.max(np.abs(latencies * list(space.linearisation.latency_tolerances.values())), initial=0.0)
     return float((reach / 2.0) ** 2 * latencies @ space.sums.total[np.ix_(places, places)] @ latencies)
 

@@ -6,7 +6,7 @@ within the sensor tolerances are removed from the runs, and the columns stand fo
 their priors are still the rig file's latencies.
 
 Where a model lacks an effect of many floors, latencies move by many tolerances to make up for some of it. Runs are
-linearised again only where one stays far off with the effects in the model that together explain most.
+linearised again only where one stays far off with all effects in the model that a first search selects.
 
 A fault's column is of first order, too; a fault that is found is removed from the runs by the fit with it
 (`joint.subset_search`).
@@ -23,12 +23,10 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.tolerances import SheetEntry
-from lacet.identify.selection.columns.candidate_columns import CandidateColumns, solved
-from lacet.identify.selection.columns.layout import Trial
+from lacet.identify.selection.columns.candidate_columns import solved
 from lacet.identify.selection.columns.linearisation import Linearisation
-from lacet.identify.selection.forward_selection import select_forward
-from lacet.identify.selection.lack_of_fit import prior_stiffening
-from lacet.identify.selection.partial_regression import PartialRegression
+from lacet.identify.selection.joint.subset_search import search
+from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 
 
@@ -89,43 +87,33 @@ def _by_channel(latencies: Mapping[SheetEntry, float]) -> dict[str, float]:
     return {channel: seconds for (_, channel, _), seconds in latencies.items()}
 
 
-def relinearised_columns(
-    recorded: Linearisation, candidates: Sequence[Effect], seed: int, progress: Progress
-) -> CandidateColumns:
-    """Columns of model, sheet and candidates on the runs as recorded, or re-linearised where instruments are late."""
-    columns = CandidateColumns.of(recorded, candidates, seed, prior_stiffening(recorded), progress)
+def relinearised_tests(
+    first: ScoreTests, candidates: Sequence[Effect], seed: int, progress: Progress = silent
+) -> ScoreTests:
+    """Score tests of `candidates` on the runs as recorded, or on the runs re-linearised where instruments are late.
+
+    Late are those of which one latency stays far off with all effects in the model that are selected beside it.
+    """
+    recorded = first.linearisation
     tolerances = np.array(list(recorded.latency_tolerances.values()))
 
     def far(latencies: Array) -> bool:
         return bool(np.any(np.abs(recorded.omega * latencies * tolerances) >= SELECTION.first_order_phase))
 
-    if recorded.runs.refittable is None:
-        return columns
-    if not far(remaining_latencies(recorded, np.zeros(len(tolerances)))) or not far(_beside_effects(columns)):
-        return columns
+    if recorded.runs.refittable is None or not far(remaining_latencies(recorded, np.zeros(len(tolerances)))):
+        return first
+    progress(Step(Stage.SCORE_TESTS))
+    found = search(first, first.family_wise(first.try_all()), progress=progress).effects
+    others = [effect for effect in found if effect.sheet_kind != "latency"]
+    if others and not far(latencies_beside(first.given(others, progress))):
+        return first
     closer = relinearise(recorded, progress, SELECTION.first_order_phase)
-    return CandidateColumns.of(closer, candidates, seed, prior_stiffening(closer), progress)
+    return ScoreTests.of(closer, candidates, seed, progress=progress)
 
 
-def _beside_effects(columns: CandidateColumns) -> Array:
-    """(l,) latencies in tolerances, estimated with up to three effects in the model that together explain most."""
-    known = PartialRegression(columns.sums, columns.nuisance, columns.prior, None, columns.prior_side)
-    layout = columns.sums.layout
-    tried = {str(n): trial for n, trial in enumerate(layout.trials) if _not_latency(trial)}
-    places = {n: t.place for n, t in tried.items() if np.all(known.remaining_energy(t.place) > SELECTION.gone_share)}
-    chosen = select_forward(known, places, [n for n, trial in tried.items() if trial.fault])
-    gain = known.gain[:, layout.right]
-    if chosen:
-        at = np.concatenate([np.r_[places[n]] for n in chosen])
-        gain = (
-            gain
-            - known.gain[:, at]
-            @ solved(known.reduced_noisy[np.ix_(at, at)], known.reduced[at, layout.right][:, None])[:, 0]
-        )
-    found = dict(zip(columns.nuisance.tolist(), gain.tolist(), strict=True))
-    entries = [layout.model + layout.sheet.index(entry) for entry in columns.linearisation.latency_tolerances]
-    return np.array([found.get(place, 0.0) for place in entries])
-
-
-def _not_latency(trial: Trial) -> bool:
-    return trial.effect.sheet_kind != "latency"
+def latencies_beside(space: ScoreTests) -> Array:
+    """(l,) latencies in tolerances, estimated beside the effects that are in the model of score tests."""
+    layout, known = space.layout, space.regression
+    found = dict(zip(known.nuisance.tolist(), known.gain[:, layout.right].tolist(), strict=True))
+    entries = space.linearisation.latency_tolerances
+    return np.array([found.get(layout.model + layout.sheet.index(entry), 0.0) for entry in entries])

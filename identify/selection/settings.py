@@ -128,9 +128,6 @@ class SelectionSettings:
 
     # -- re-linearisation at late instruments --------------------------------------------------------------------------
 
-    most_beside_latencies: int = 3
-    """Effects taken into account where latencies are estimated before the first screening [count]. Source: processor
-    time; docs/decisions/clocks.md."""
     first_order_phase: float = 0.15
     """ω τ at the fit's cut-off up to which a latency's first-order column is right [rad]. Source:
     docs/decisions/clocks.md, "A rate is a latency only as long as ω τ is small"."""
@@ -181,11 +178,6 @@ class SelectionSettings:
     """Part of a column's energy below which nothing of it remains [share]. Source: numerical."""
     shared_eigenvalue: float = 1e-9
     """Part of the largest eigenvalue below which a direction is one that other columns have too [share]. Source:
-    numerical."""
-    set_energy: float = 1e-9
-    """Part of a column's energy below which forward selection passes it over [share]. Source: numerical."""
-    worst_condition: float = 1e12
-    """Condition number of an effect's columns above which forward selection passes it over [ratio]. Source:
     numerical."""
     tolerance_rank: float = 1e-9
     """Relative singular value below which tolerances that stand for a fault are one [share]. Source: numerical."""

@@ -17,7 +17,7 @@ from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.diagnose import diagnose
 from lacet.identify.selection.partial_regression import PartialRegression
-from lacet.identify.selection.relinearisation import relinearise, relinearised_columns, remaining_latencies
+from lacet.identify.selection.relinearisation import relinearise, relinearised_tests, remaining_latencies
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.signals.filters import derivative
@@ -102,9 +102,8 @@ def test_a_late_instrument_is_named_with_its_latency(key: str, seconds: float):
 def test_late_instruments_are_taken_out_whatever_is_tried():
     recorded, linearisation = very_late("sensor_latency.imu", 0.02)
     for tried in ([], [*TRIED, *CLOCKS]):
-        assert (
-            relinearised_columns(recorded, tried, 0, lambda _: None).linearisation.latencies == linearisation.latencies
-        )
+        tests = relinearised_tests(ScoreTests.of(recorded, tried, 0), tried, 0)
+        assert tests.linearisation.latencies == linearisation.latencies
 
 
 def test_reading_ends(fitted: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch):
@@ -132,7 +131,7 @@ def test_what_all_clocks_share_is_pulled_back_to_the_rig_file(fitted: Fit, floor
 @pytest.mark.parametrize("key", ["spring_cubic.front", pytest.param("coulomb.rear", marks=pytest.mark.slow)])
 def test_clocks_that_do_the_work_of_a_missing_effect_are_left(key: str, fitted: Fit, monkeypatch: pytest.MonkeyPatch):
     """Beside a misfit of many floors they move far; with the effect beside them they do not, and runs stay as read."""
-    bound = 0.05  # in runs of minutes the tolerances hold clocks less than in one of seconds
+    bound = 0.1  # in runs of minutes the tolerances hold clocks less than in one of seconds
     monkeypatch.setattr(
         "lacet.identify.selection.relinearisation.SELECTION", replace(SELECTION, first_order_phase=bound)
     )
