@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
+from pathlib import Path
 
 from lacet.daq.errors import UsageError
 
@@ -47,8 +50,10 @@ class MissingPart(UsageError):
 
 
 def install_command(part: str) -> str:
-    """The command that installs an extra, beside the lacet that is there."""
-    return f"pip install 'lacet[{part}]'"
+    """The command that installs an extra beside the lacet that is there, whichever `pip` the shell would take."""
+    here, found = Path(sys.executable), shutil.which("pip")
+    pip = "pip" if found is not None and Path(found).parent == here.parent else f"{here} -m pip"
+    return f"{pip} install 'lacet[{part}]'"
 
 
 def absent(part: str) -> list[str]:
@@ -78,4 +83,4 @@ def from_part(part: str) -> Iterator[None]:
 
 def _missing(part: str, why: str, instead: str = "") -> MissingPart:
     way_out = f"; or {instead}" if instead else ""
-    return MissingPart(f"{why}: {install_command(part)} brings {PARTS[part].brings}{way_out}")
+    return MissingPart(f"{why}. For {PARTS[part].brings}: {install_command(part)}{way_out}")

@@ -45,6 +45,15 @@ _UNSEEN_SIGN = 0.8
 _STILL = 0.8
 """Factor for a name whose values stand still: it could be anything."""
 _TYRE_RADIUS = "0.31 m"
+_RUN = (
+    "# What a log does not say; remove the # where it applies:",
+    "# [run]",
+    '# vehicle = "vehicle.toml"',
+    '# rig = "rig.toml"',
+    '# wheel_reference = "hub"  # or "contact"',
+    '# brakes = "off"  # nobody braked in this run',
+)
+"""Comments of a proposed map: the keys that no log holds."""
 
 
 @dataclass(frozen=True)
@@ -98,22 +107,25 @@ def map_text(guesses: Sequence[Guess], file: str, accept: bool = False) -> str:
     """The text of the map: what is probable enough, or all with `accept`; the rest as comments."""
     proposed = sorted((g for g in guesses if g.column), key=lambda g: list(COLUMNS).index(g.column))
     used = [g for g in proposed if accept or g.probability >= ACCEPTED]
-    complete = {g.column for g in used}
-    renamed = {c: ALONE[c] for c in complete if c in ALONE and not set(COLUMNS[c][0].columns) <= complete}
+    columns = {g.column for g in proposed}
     units = [f'{_key(g.name)} = "{g.said_unit}"' for g in used if g.said_unit]
-    lines = [f'format = "{FORMAT}"', f"# proposed from {file}: look through it, signs first"]
+    lines = [f'format = "{FORMAT}"', f"# proposed from {file}: look through it, signs first", "", *_RUN]
     if units:
         lines += ["", "[sources]  # the file has no unit for these", *units]
     lines += ["", "[channels]"]
     for g in proposed:
         comment = "" if g in used else "# "
-        lines.append(
-            f'{comment}"{renamed.get(g.column, g.column)}" = "{g.expression}"  # probability {g.probability:.2f}'
-        )
+        lines.append(f'{comment}"{_alone(g.column, columns)}" = "{g.expression}"  # probability {g.probability:.2f}')
     without = [g.name for g in guesses if not g.column]
     if without:
         lines += ["", "# without a proposal: " + ", ".join(without)]
     return "\n".join(lines) + "\n"
+
+
+def _alone(column: str, beside: set[str]) -> str:
+    """The channel that a single component has for itself, where the others of its channel are not `beside` it."""
+    complete = set(COLUMNS[column][0].columns) <= beside
+    return column if complete else ALONE.get(column, column)
 
 
 def _key(name: str) -> str:

@@ -22,6 +22,9 @@ _RATE = {"rate", "gyro", "gyr", "rotrate", "angularrate", "rot", "omega", "veloc
 _X = {"x", "lon", "long", "longitudinal", "laengs", "längs", "longi", "forward"}
 _Y = {"y", "lat", "lateral", "quer", "trans", "transv", "laterale"}
 _Z = {"z", "vert", "vertical", "hoch", "verticale", "vertikal"}
+_VELOCITY = {"vel", "velocity", "vitesse", "geschw"}
+_UNIT = {"imu", "ahrs", "gyro"}
+"""Words for an inertial unit."""
 _GNSS = {"gps", "gnss", "ins", "vbox"}
 _SPLIT = re.compile(r"[A-ZÄÖÜ]+(?![a-zäöüß])|[A-ZÄÖÜ]?[a-zäöüß]+|\d+")
 _STEER = {"steer", "steering", "delta", "lenk", "spur", "toe", "braquage", "sterzo", "direccion"}
@@ -161,6 +164,8 @@ def _of_words(have: set[str], corner: str, name: str) -> list[Meaning]:
         add(f"imu.accel.{axis}", 0.98, axis != "z")
     elif axis and _RATE & have and "velocity" not in have and "speed" not in have:
         add(f"imu.rate.{axis}", 0.96)
+        if axis != "z" and _VELOCITY & have:  # the unit decides
+            add(f"correvit.speed.{axis}", 0.93, axis == "y")
     elif axis in ("x", "y") and {"velocity", "speed", "correvit"} & have:
         add(f"correvit.speed.{axis}", 0.93, axis == "y")
     elif "swa" in have or (_STEER & have and ({"wheel", "angle"} & have)):
@@ -175,6 +180,8 @@ def _of_words(have: set[str], corner: str, name: str) -> list[Meaning]:
         add("brake.pressure", 0.95, False)
     elif have & {"latitude", "longitude", "altitude"}:
         add(f"gnss.{next(iter(have & {'latitude', 'longitude', 'altitude'}))}", 0.95, False)
+    elif "course" in have and _UNIT & have:
+        add("imu.attitude.yaw", 0.9)
     elif "course" in have:
         add("gnss.course", 0.85, False)
     bad = have & {"accuracy", "valid", "status", "raw", "quality", "sigma", "std", "setpoint", "soll", "target"}

@@ -109,12 +109,12 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one sub-command. Returns 0: success, 2: bad usage or input, 3: losses, or nothing identifiable."""
-    words = sys.argv[1:] if argv is None else list(argv)
+    words = (sys.argv[1:] if argv is None else list(argv)) or ["--help"]
     try:
-        if not words or words[0] not in _files():  # help, the version, or a word that is no command
+        if words[0] not in _files():  # help, the version, or a word that is no command
             build_overview().parse_args(words)
         with _without_collection() if argv is None else contextlib.nullcontext():
-            parser = build_parser(words[0] if words else None)
+            parser = build_parser(words[0])
         args = parser.parse_args(words)
     except BrokenPipeError:
         return _unread()

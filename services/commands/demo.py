@@ -98,14 +98,29 @@ def run(args: argparse.Namespace) -> int:
         write_report(session, report)
     seconds = time.monotonic() - began
     print(f"\nDone in {seconds:.0f} s.\n  report: {report}\n  logs:   {', '.join(str(f) for f in runs.values())}")
-    print(
-        f"\nTry next:\n  lacet compare {out / 'study'}             every row, with pictures\n"
-        f"  lacet undo {out / 'study'}                go back, and lacet add another effect\n"
-        "  lacet demo --captures replay_logs/nothing-hidden --out demo-nothing\n"
-        "  lacet --help                              the commands in the order you need them"
-    )
+    print(f"\nTry next:\n{_next(called(), out / 'study')}")
     write_result(args.json, "demo", {"added": added, "report": report, "logs": runs, "seconds": seconds})
     return status
+
+
+def called() -> str:
+    """How the shell calls this program: its name where that finds it, else the path that it was started by."""
+    started, found = Path(sys.argv[0]), shutil.which("lacet")
+    here = started.stem != "lacet" or (found is not None and Path(found).samefile(started))
+    return "lacet" if here else str(started)
+
+
+def _next(program: str, study: Path) -> str:
+    lines = {
+        f"ui {study} --open": "the same on a page in the browser",
+        f"compare {study}": "every row, with pictures",
+        f"undo {study}": "go back, then add another effect",
+        "demo --captures replay_logs/nothing-hidden --out demo-nothing": "a car that lacks nothing",
+        "--help": "all commands",
+    }
+    short = [f"{program} {words}" for words in lines]
+    width = max(len(line) for line in short)
+    return "\n".join(f"  {line:<{width}}   {about}" for line, about in zip(short, lines.values(), strict=True))
 
 
 def _make_room(out: Path) -> None:

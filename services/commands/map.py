@@ -58,7 +58,8 @@ def run(args: argparse.Namespace) -> int:
         print(f"! {note}")
     likely = sum(one.probability >= ACCEPTED for one in found)
     open_ = sum(0.0 < one.probability < ACCEPTED for one in found)
-    print(f"{likely} columns at {ACCEPTED} or above, {open_} below (used with --accept only), {len(found)} names")
+    below = "accepted" if args.accept else "comments in the map; --accept uses them"
+    print(f"{len(found)} names: {likely} columns proposed at {ACCEPTED} or above, {open_} below ({below})")
     if args.output is not None:
         dbc = [str(file.resolve()) for file in args.dbc]
         text = map_text(found, args.guess.name, args.accept)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -119,7 +120,39 @@ def test_one_component_alone_goes_to_its_own_channel() -> None:
     assert '"car.lateral_accel" = "ay"' in map_text([one], "a.csv")
 
 
+def test_components_of_a_channel_keep_its_name_where_the_others_are_only_comments() -> None:
+    """So that removing the # of the third component is all that a channel of three needs."""
+    parts = [
+        Guess(f"a{axis}", "m/s²", 100.0, -1.0, 1.0, f"imu.accel.{axis}", f"a{axis}", "", p)
+        for axis, p in (("x", 0.8), ("y", 0.95), ("z", 0.95))
+    ]
+    text = map_text(parts, "a.csv")
+    assert "car." not in text
+    assert '\n"imu.accel.y" = "ay"' in text
+    assert '\n# "imu.accel.x" = "ax"' in text
+
+
+def test_what_a_log_does_not_say_is_in_the_map_to_be_filled_in() -> None:
+    text = map_text([Guess("v", "m/s", 100.0, 0.0, 1.0, "car.speed", "v", "", 0.95)], "a.csv")
+    bare = ChannelMap.parse(text, "map.toml")
+    filled = ChannelMap.parse(re.sub(r"^# (\[run\]|\w+ = )", r"\1", text, flags=re.MULTILINE), "map.toml")
+    assert bare.metadata == {}
+    assert filled.metadata == {
+        "vehicle": "vehicle.toml", "rig": "rig.toml", "wheel_reference": "hub", "brakes": "off"
+    }  # fmt: skip
+
+
+def test_the_unit_decides_between_a_velocity_and_a_rate(tmp_path: Path) -> None:
+    t = np.arange(0.0, 10.0, 0.01)
+    table = np.column_stack([t, 90 + np.sin(t), 10 * np.cos(t)])
+    header = "t,Optical_VelLong [km/h],Unit_VelX [deg/s]"
+    np.savetxt(tmp_path / "a.csv", table, "%.6f", ",", header=header, comments="")
+    with opened(tmp_path / "a.csv") as source:
+        assert [one.column for one in guess(source)] == ["correvit.speed.x", "imu.rate.x"]
+
+
 @pytest.mark.parametrize(("name", "column"), [
+    ("IMU_Heading", "imu.attitude.yaw"), ("GPS_Heading", "gnss.course"),
     ("Querbeschleunigung", "imu.accel.y"), ("LongAcc", "imu.accel.x"), ("YawRate", "imu.rate.z"),
     ("Vitesse_Lacet", "imu.rate.z"), ("Lenkradwinkel", "steering.angle"), ("WhlSpd_FL", "wheel.fl.speed"),
     ("Federweg_HR", "suspension.rr.travel"), ("Fz_VL", "wheel.fl.force.z"), ("GPS_Speed", "gnss.speed"),

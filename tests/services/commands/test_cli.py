@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+from lacet.services.commands import demo
 from lacet.services.commands.__main__ import build_parser, find_commands, main
 
 
@@ -25,7 +27,7 @@ def test_the_overview_names_every_command_without_loading_any() -> None:
         assert f" {name} {' '.join(module.HELP.split())}" in flat
 
 
-@pytest.mark.parametrize("words", [[], ["--help"], ["--version"], ["identfy"], ["--", "identfy"]])
+@pytest.mark.parametrize("words", [["--help"], ["--version"], ["identfy"], ["--", "identfy"]])
 def test_what_is_no_command_ends_as_the_whole_parser_would(
     words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -35,6 +37,28 @@ def test_what_is_no_command_ends_as_the_whole_parser_would(
     with pytest.raises(SystemExit) as expected:
         build_parser().parse_args(words)
     assert (found, ended.value.code) == (capsys.readouterr(), expected.value.code)
+
+
+def test_the_name_alone_prints_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([])
+    assert ended.value.code == 0
+    assert "The usual order:" in capsys.readouterr().out
+
+
+def test_the_demonstration_says_what_to_type_next_as_this_shell_calls_the_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script, other = tmp_path / "lacet", tmp_path / "elsewhere"
+    for file in (script, other):
+        file.touch()
+    monkeypatch.setattr(sys, "argv", [str(script)])
+    monkeypatch.setattr(demo.shutil, "which", lambda _: None)
+    assert demo.called() == str(script)
+    monkeypatch.setattr(demo.shutil, "which", lambda _: str(other))
+    assert demo.called() == str(script)
+    monkeypatch.setattr(demo.shutil, "which", lambda _: str(script))
+    assert demo.called() == "lacet"
 
 
 @pytest.mark.parametrize(

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 import socket
+import sys
 import webbrowser
 from importlib import metadata
 from pathlib import Path
 
 import pytest
 
+from lacet.daq import parts
 from lacet.services.acquisition.host_clock import describe_synchronisation
 from lacet.services.acquisition.log_medium import RESERVE_BYTES
 from lacet.services.commands.__main__ import main
@@ -143,9 +145,12 @@ class TestPackages:
 
     def test_a_part_that_is_not_here_is_no_warning(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(packages.sys.modules, "mujoco", None)
+        monkeypatch.setattr(parts.shutil, "which", lambda _: "/usr/bin/pip")
         found = {one.name: one for one in packages.packages()}
         assert found["part sim"].state is State.ABSENT
-        assert found["part sim"].remedy == "pip install 'lacet[sim]'"
+        assert found["part sim"].remedy == f"{sys.executable} -m pip install 'lacet[sim]'"
+        monkeypatch.setattr(parts.shutil, "which", lambda _: str(Path(sys.executable).parent / "pip"))
+        assert parts.install_command("sim") == "pip install 'lacet[sim]'"  # the shell finds this environment's
 
     def test_a_folder_that_is_not_installed(self, monkeypatch: pytest.MonkeyPatch) -> None:
         def nothing(name: str) -> None:
