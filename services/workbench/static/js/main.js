@@ -249,12 +249,15 @@ function start() {
     .getElementById("theme-button")
     .addEventListener("click", () => theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark", true));
   createRail(document.getElementById("rail"), document.getElementById("car-button"), app);
-  createTour(app, document.getElementById("tour-button"));
+  const tour = createTour(app, document.getElementById("tour-button"));
   installKeys(app, document.getElementById("keys-button"), () => shown.view);
   window.addEventListener("hashchange", () => void route());
   set(readHash(location.hash).patch);
   links();
-  readStudy().finally(() => void route());
+  readStudy().finally(() => {
+    void route();
+    void tour.resume();
+  });
 }
 
 start();

@@ -35,11 +35,29 @@ def test_the_tour_makes_a_study_of_the_example_runs(browser: Any, tmp_path: Path
         watch.expect(tour).to_contain_text("3 of 8", timeout=LONG)
         watch.expect(watch.at("car-picture")).to_have_class(re.compile("tour-target"), timeout=LONG)
         watch.picture("tour-3")
+        for step, target in ((4, "chart-residual"), (5, "map")):
+            watch.at("tour-next").click()
+            watch.expect(tour).to_contain_text(f"{step} of 8")
+            watch.expect(watch.at(target)).to_have_class(re.compile("tour-target"), timeout=LONG)
+        watch.page.reload()
+        watch.expect(tour).to_contain_text("5 of 8")  # it goes on where it was
+        watch.expect(watch.at("map")).to_have_class(re.compile("tour-target"), timeout=LONG)
         watch.at("tour-next").click()
-        watch.expect(watch.page).to_have_url(re.compile("#/compare"))
-        watch.at("tour-leave").click()
+        watch.expect(watch.at("tour-act")).to_have_text("Look for what is missing")
+        watch.at("tour-act").click()
+        watch.expect(tour).to_contain_text("7 of 8", timeout=LONG)
+        watch.expect(watch.at("add-best")).to_have_class(re.compile("tour-target"))
+        watch.picture("tour-7")
+        watch.at("tour-act").click()
+        watch.expect(tour).to_contain_text("8 of 8", timeout=LONG)
+        watch.expect(watch.at("column-2")).to_have_attribute("aria-label", re.compile("present version"))
+        watch.picture("tour-8")
+        watch.at("tour-next").click()
         watch.expect(tour).to_be_hidden()
         watch.expect(watch.page.locator(".tour-target")).to_have_count(0)
+        watch.page.reload()
+        watch.expect(watch.at("version")).to_contain_text("Version 2 of 2")
+        watch.expect(tour).to_be_hidden()
 
 
 def test_every_term_has_a_sentence_and_a_page(opened: Opened) -> None:

@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from tests.services.workbench.browser.bench import LONG, Bench, opening, serving
+from tests.services.workbench.browser.bench import LONG, Bench, Watch, opening, serving
 
 
 def test_the_story_by_keyboard_alone(browser: Any, ready: Bench, tmp_path: Path) -> None:
@@ -20,9 +20,44 @@ def test_the_story_by_keyboard_alone(browser: Any, ready: Bench, tmp_path: Path)
         watch.expect(watch.at("diagnose")).to_be_focused(timeout=LONG)
         press("Enter")
         watch.expect(watch.at("add-best")).to_be_focused(timeout=LONG)
+        _preview_that_nobody_waits_for(watch)
+        watch.at("add-best").focus()
         press("Enter")
         watch.expect(watch.at("version")).to_contain_text("Version 2 of 2", timeout=LONG)
         watch.expect(watch.at("undo")).to_be_enabled(timeout=LONG)  # the ranking that went on by itself has ended
         watch.expect(watch.page.locator("[data-testid=add-best]:focus, [data-testid=diagnose]:focus")).to_be_visible()
         press("u")
         watch.expect(watch.at("version")).to_contain_text("Version 1 of 2", timeout=LONG)
+
+
+def _jobs(watch: Watch) -> dict[str, str]:
+    """Effect → state of the fits for previews that the server knows of."""
+    found = watch.page.evaluate("fetch('api/jobs').then((a) => a.json())")
+    return {job["args"]["effect"]: job["state"] for job in found if job["do"] == "preview"}
+
+
+def _until(watch: Watch, effect: str, state: str) -> None:
+    for _ in range(200):
+        if _jobs(watch).get(effect) == state:
+            return
+        watch.quiet(100)
+    raise AssertionError((effect, state, _jobs(watch)))
+
+
+def _preview_that_nobody_waits_for(watch: Watch) -> None:
+    """Two candidates chosen one after the other while other work is done: the first is not fitted any more."""
+    post = "fetch('api/jobs', { method: 'POST', headers: { 'Content-Type': 'application/json' }, body: %r })"
+    watch.page.evaluate(post % '{"do": "next", "args": {"effects": ["chassis_torsion"]}}')
+    keys = watch.page.evaluate(
+        "[...document.querySelectorAll('[data-testid^=candidate-]')].map((e) => e.dataset.testid.slice(10))"
+    )
+    first, second = keys[5:7]
+    watch.at(f"candidate-{first}").focus()
+    _until(watch, first, "waiting")
+    watch.page.keyboard.press("ArrowDown")
+    _until(watch, first, "cancelled")
+    _until(watch, second, "waiting")
+    watch.at("job-cancel").click()
+    _until(watch, second, "done")
+    assert _jobs(watch)[first] == "cancelled"
+    watch.expect(watch.at("preview-says")).to_contain_text("RMS residual")

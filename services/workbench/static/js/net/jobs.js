@@ -122,12 +122,15 @@ export function createJobs(hear) {
    * Start a job and follow it.
    * @param {string} name what to do
    * @param {Object} [args]
-   * @param {{onProgress?: (job: Object) => void}} [options]
+   * @param {{onProgress?: (job: Object) => void, signal?: AbortSignal}} [options] `signal` cancels it
    * @returns {Promise<any>}
    */
-  async function run(name, args = {}, options = {}) {
-    const answer = await api.post("api/jobs", { do: name, args });
-    return follow(jobId(answer), options);
+  async function run(name, args = {}, { signal, ...options } = {}) {
+    const id = jobId(await api.post("api/jobs", { do: name, args }));
+    const stop = () => void cancel(id).catch(() => {}); // it may be over
+    if (signal?.aborted) stop();
+    else signal?.addEventListener("abort", stop, { once: true });
+    return follow(id, options).finally(() => signal?.removeEventListener("abort", stop));
   }
 
   /** @param {string|number} id @returns {Promise<any>} */

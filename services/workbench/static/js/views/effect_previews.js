@@ -6,11 +6,12 @@ const MOST = 60;
 
 /**
  * @param {Object} app
- * @returns {{of: (version: number, effect: string, say: (text: string, share: number|null) => void) =>
- *   Promise<{meta: Object, arrays: Object<string, Float32Array>}>}}
+ * @returns {{of: (version: number, effect: string, say: (text: string, share: number|null) => void, signal: AbortSignal) =>
+ *   Promise<{meta: Object, arrays: Object<string, Float32Array>}>}} `signal` : the answer is not wanted any more; a fit that
+ *   nobody waits for is cancelled
  */
 export function createEffectPreviews(app) {
-  const kept = new Map();
+  const kept = new Map(); // path → {found, places, stop}: the answer or what will be one, and who waits for it
 
   /** A ranking takes minutes: asking for a preview must never start one. */
   async function ask(path) {
@@ -22,15 +23,33 @@ export function createEffectPreviews(app) {
     }
   }
 
+  function begin(path, version, effect) {
+    const entry = { places: new Set(), stop: new AbortController(), said: null };
+    const say = (text, share) => {
+      entry.said = [text, share];
+      for (const place of entry.places) place(text, share);
+    };
+    entry.found = needing(app, () => ask(path), { version, effect }, { say }, entry.stop.signal);
+    const forget = () => kept.get(path) === entry && kept.delete(path);
+    entry.stop.signal.addEventListener("abort", forget);
+    entry.found.then(() => { entry.done = true; }, forget);
+    if (kept.size > MOST) kept.delete(kept.keys().next().value);
+    kept.set(path, entry);
+    return entry;
+  }
+
   return {
-    of(version, effect, say) {
+    of(version, effect, say, signal) {
       const path = `api/preview/${version}/${encodeURIComponent(effect)}`;
-      if (kept.has(path)) return kept.get(path);
-      const found = needing(app, () => ask(path), { version, effect }, { say });
-      if (kept.size > MOST) kept.delete(kept.keys().next().value);
-      kept.set(path, found);
-      found.catch(() => kept.delete(path));
-      return found;
+      const entry = kept.get(path) ?? begin(path, version, effect);
+      if (entry.done) return entry.found;
+      entry.places.add(say);
+      if (entry.said) say(...entry.said);
+      signal.addEventListener("abort", () => {
+        entry.places.delete(say);
+        if (!entry.places.size && !entry.done) entry.stop.abort();
+      }, { once: true });
+      return entry.found;
     },
   };
 }

@@ -26,6 +26,7 @@ export function createPreview(app, about, previews) {
   let chart = null;
   let candidate = null;
   let turn = 0;
+  let wanted = new AbortController(); // ends when another candidate is chosen
   let library = null;
 
   const load = debounce(() => void read(), REST);
@@ -47,6 +48,15 @@ export function createPreview(app, about, previews) {
     );
   }
 
+  /** What was asked for is not wanted any more, once what is asked for next has begun: its fit is cancelled. */
+  function renew(begin = () => null) {
+    const before = wanted;
+    wanted = new AbortController();
+    const found = begin();
+    before.abort();
+    return found;
+  }
+
   async function read() {
     const mine = ++turn;
     if (!candidate) return;
@@ -56,9 +66,10 @@ export function createPreview(app, about, previews) {
     }
     numbers.textContent = "Fitting the model with it …";
     try {
-      const found = await previews.of(app.state.version, candidate.effect, (text) => {
+      const say = (text) => {
         if (mine === turn) numbers.textContent = text;
-      });
+      };
+      const found = await renew(() => previews.of(app.state.version, candidate.effect, say, wanted.signal));
       if (mine === turn) await draw(found, mine);
     } catch (cause) {
       if (mine === turn) blank(cause.constructor?.name === "Cancelled" ? "Cancelled: choose it again to go on." : cause.message);
@@ -93,7 +104,10 @@ export function createPreview(app, about, previews) {
     element,
     /** @param {Object|null} c a candidate @param {boolean} fit whether the model is fitted with it */
     show(c, fit) {
-      if (c?.effect !== candidate?.effect) blank("");
+      if (c?.effect !== candidate?.effect) {
+        blank("");
+        renew();
+      }
       candidate = c;
       turn += 1;
       load.cancel();
@@ -110,6 +124,7 @@ export function createPreview(app, about, previews) {
     destroy() {
       turn += 1;
       load.cancel();
+      renew();
       chart?.destroy?.();
     },
   };

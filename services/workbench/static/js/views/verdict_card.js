@@ -40,6 +40,7 @@ export function createVerdictCard(app, previews, act) {
   let card = null;
   let plot = null;
   let turn = 0;
+  let wanted = new AbortController();
 
   function words(title, kind, mark, lines) {
     element.dataset.kind = kind;
@@ -101,11 +102,15 @@ export function createVerdictCard(app, previews, act) {
   async function draw(version) {
     const mine = ++turn;
     const effect = card?.add;
+    const before = wanted;
+    wanted = new AbortController();
+    const asked = effect ? previews.of(version, effect, () => {}, wanted.signal) : null;
+    before.abort(); // only now: a fit that is still wanted goes on
     place.hidden = !effect;
     if (!effect) return;
     place.classList.add("waits");
     try {
-      const found = await previews.of(version, effect, () => {});
+      const found = await asked;
       if (mine !== turn || card?.add !== effect) return;
       place.classList.remove("waits");
       show(found);
@@ -184,6 +189,7 @@ export function createVerdictCard(app, previews, act) {
     },
     destroy() {
       turn += 1;
+      wanted.abort();
       plot?.destroy();
     },
   };

@@ -15,24 +15,26 @@ const going = new Map();
  * @param {() => Promise<T>} ask
  * @param {object} args of the job
  * @param {{say: (text: string, part: number|null) => void}} [place] shows the job's words
+ * @param {AbortSignal} [signal] cancels the job, whoever else waits for it
  * @returns {Promise<T>}
  */
-export async function needing(app, ask, args, place) {
+export async function needing(app, ask, args, place, signal) {
   try {
     return await ask();
   } catch (cause) {
-    if (!cause.needs) throw cause;
-    await job(app, cause.needs, args, place);
+    if (!cause.needs || signal?.aborted) throw cause;
+    await job(app, cause.needs, args, place, signal);
     return ask();
   }
 }
 
-async function job(app, name, args, place) {
+async function job(app, name, args, place, signal) {
   const key = `${name} ${JSON.stringify(args)}`;
   let entry = going.get(key);
   if (!entry) {
     entry = { places: new Set(), last: null };
     entry.over = app.api.run(name, args, {
+      signal,
       onProgress: (state) => {
         entry.last = state;
         for (const one of entry.places) show(one, name, state);

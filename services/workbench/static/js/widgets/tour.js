@@ -1,11 +1,14 @@
-/** The guided tour: the whole story on example runs, one thing at a time; it can be ended at any step. */
+/** The guided tour: the whole story on example runs, one thing at a time; it can be ended at any step, and goes on after a reload. */
 
 import { h } from "./dom.js";
 import { readTerms } from "./terms.js";
 
 const KEY = "lacet.tour";
 
-/** What is done at each step: `view`, `target` that is marked, `action` that a button does, `done` when it goes on. */
+/**
+ * What is done at each step: `view`, `target` that is marked, `action` that a button does (`press`: another button), `may`
+ * when there is that to do, `done` when it goes on.
+ */
 const STEPS = [
   {
     title: "Example runs",
@@ -27,7 +30,7 @@ const STEPS = [
     title: "The car and its rows",
     view: "compare",
     target: "car-picture",
-    text: "Every number on the car is an error ÷ noise floor: 1 is all that sensors allow. The suspension rows stand far above it, so something is missing there. Press a number to see its row.",
+    text: "Every number on the car is an error ÷ noise floor: 1 is all that sensors allow. Where a row stands far above it something is missing: in the example car at all four suspensions. Press a number to see its row.",
   },
   {
     title: "Model and measurement",
@@ -47,7 +50,7 @@ const STEPS = [
     target: "diagnose",
     text: "Every effect of the catalogue is tried, against simulated runs that lack nothing. This takes about a minute.",
     action: { text: "Look for what is missing", press: "diagnose" },
-    done: (study) => Boolean(study?.card),
+    done: (study) => Boolean(study?.card) && study.busy?.do !== "diagnose",
   },
   {
     title: "The verdict",
@@ -55,7 +58,8 @@ const STEPS = [
     target: "add-best",
     text: "Which effect, its size with its interval, how far it is ahead of its best rival, and its form over this study's residual. Add it: the ranking then goes on by itself.",
     action: { text: "Add it", press: "add-best" },
-    done: (study) => Object.keys(study?.versions?.at(-1)?.effects ?? {}).length > 0,
+    may: (study) => Boolean(study?.card?.add),
+    done: (study) => Object.keys(study?.versions?.find((v) => v.version === study.current)?.effects ?? {}).length > 0,
   },
   {
     title: "The error falls",
@@ -68,7 +72,7 @@ const STEPS = [
 /**
  * @param {Object} app
  * @param {HTMLElement} button starts it
- * @returns {{start: () => void}}
+ * @returns {{start: () => void, resume: () => void}}
  */
 export function createTour(app, button) {
   const title = h("h2", { id: "tour-title" });
@@ -96,6 +100,14 @@ export function createTour(app, button) {
     element.querySelector("button:not([hidden])")?.focus();
   }
 
+  /** Goes on where this tab was before it was loaded anew. */
+  async function resume() {
+    const step = kept();
+    if (step === null || !STEPS[step]) return;
+    examples = (await readTerms(app)).examples;
+    if (at < 0) go(step);
+  }
+
   function go(step) {
     if (step >= STEPS.length || step < 0) {
       leave();
@@ -108,8 +120,9 @@ export function createTour(app, button) {
     title.textContent = now.title;
     text.textContent = at === 0 && !examples ? "Drop your own logs here: the example runs are not in this installation." : now.text;
     count.textContent = `${at + 1} of ${STEPS.length}`;
-    act.hidden = !now.action || (at === 0 && !examples);
-    act.disabled = false;
+    const { study } = app.state;
+    act.hidden = !now.action || (at === 0 && !examples) || now.may?.(study) === false || Boolean(now.done?.(study));
+    act.disabled = Boolean(now.action?.press); // until the view is there
     act.textContent = now.action?.text ?? "";
     back.disabled = at === 0;
     next.textContent = at === STEPS.length - 1 ? "Finish" : "Next";
@@ -123,6 +136,7 @@ export function createTour(app, button) {
     for (const old of document.querySelectorAll(".tour-target")) old.classList.remove("tour-target");
     if (mine !== marking || at < 0) return;
     const place = document.querySelector(`[data-testid="${target}"]`);
+    if (place || tries === 0) act.disabled = false;
     if (place) {
       place.classList.add("tour-target");
       place.scrollIntoView({ block: "center" });
@@ -133,7 +147,7 @@ export function createTour(app, button) {
     const { action } = STEPS[at];
     act.disabled = true;
     if (action.press) {
-      document.querySelector(`[data-testid="${action.press}"]:not(:disabled)`)?.click();
+      press(action.press, ++marking, 50);
       return;
     }
     try {
@@ -143,6 +157,15 @@ export function createTour(app, button) {
       app.complain(cause);
       act.disabled = false;
     }
+  }
+
+  /** Presses a button of the view once it can be pressed: other work may be about to end. */
+  function press(testid, mine, tries) {
+    if (mine !== marking || at < 0) return;
+    const there = document.querySelector(`[data-testid="${testid}"]:not(:disabled)`);
+    if (there) there.click();
+    else if (tries > 0) setTimeout(() => press(testid, mine, tries - 1), 100);
+    else act.disabled = false;
   }
 
   function leave() {
@@ -162,6 +185,15 @@ export function createTour(app, button) {
     }
   }
 
+  function kept() {
+    try {
+      const step = sessionStorage.getItem(KEY);
+      return step ? Number(step) : null;
+    } catch {
+      return null;
+    }
+  }
+
   app.on((patch) => {
     const now = STEPS[at];
     if (!now?.done || !("study" in patch || "job" in patch)) return;
@@ -169,5 +201,5 @@ export function createTour(app, button) {
     else if (patch.job && ["failed", "cancelled"].includes(patch.job.state)) act.disabled = false;
   });
   button.addEventListener("click", () => void start());
-  return { start };
+  return { start, resume };
 }
