@@ -71,7 +71,8 @@ class StudyRig:
     """A rig of the study: `about` it, channels it keeps of the full one, and channels made from the full one's.
 
     `given` : what the vehicle file gives beside unsprung masses (`SCALE`), empty for nothing; `scales` : whether it
-    stands on corner scales in a run more; `unit` : whether it has an inertial unit.
+    stands on corner scales in a run more; `unit` : whether it has an inertial unit; `tables` : whether the car has
+    joint tables (`tests.identify.cars.with_joints`).
     """
 
     about: str
@@ -80,6 +81,7 @@ class StudyRig:
     given: str = ""
     scales: bool = False
     unit: bool = True
+    tables: bool = False
 
 
 def no_wheels(name: str) -> bool:
@@ -144,6 +146,7 @@ RIGS: dict[str, StudyRig] = {
         given="mass",
     ),
     "spring": StudyRig("no wheel load, the rate of the front springs known", no_loads, given="spring"),
+    "tables": StudyRig("the paper's rig, on a car with bench tables (wrong as well)", lambda _: True, tables=True),
 }
 
 
@@ -157,6 +160,8 @@ def vehicle() -> Vehicle:
 def vehicle_of(rig: str) -> Vehicle:
     """The vehicle file of a rig; what it gives is of the stored motions, with a nominal mass outboard unsprung, too."""
     given = RIGS[rig].given
+    if RIGS[rig].tables:
+        return cars.with_joints(vehicle())
     if not given:
         return vehicle()
     theta = coverage.stored_motions()[1]

@@ -1,7 +1,8 @@
-"""Assumptions on a car: nominal values with tolerances that stand in for channels which a rig does not measure.
+"""Assumptions on a car: nominal values with tolerances that stand in for channels which a rig does not measure, and
+how far the bench tables of the vehicle file may be off.
 
-They are used only where a channel is absent (``docs/fewer-instruments.md``). Each has a default here and may be given
-in the table ``[assumed]`` of the vehicle file: one place for a value and for how far it may be off.
+The former are used only where a channel is absent (``docs/fewer-instruments.md``). Each has a default here and may be
+given in the table ``[assumed]`` of the vehicle file: one place for a value and for how far it may be off.
 """
 
 from __future__ import annotations
@@ -50,6 +51,8 @@ class Assumable:
 
 
 _CLASS = "usual in passenger cars"
+_ANGLES = "K&C rigs: 0.02° of repeatability and 0.02° of hysteresis in 50 mm of travel"
+_PLACES = "K&C rigs: 0.1 mm of repeatability and 0.2 mm of hysteresis in 50 mm of travel"
 ASSUMABLE: dict[str, Assumable] = {
     "loaded_radius": Assumable(
         "m", None, 0.010, "axle", "height of the wheel centre above the contact patch, under load",
@@ -155,6 +158,23 @@ ASSUMABLE: dict[str, Assumable] = {
     "static_compression": Assumable(
         "m", 0.13, 0.05, "car", "static load of a spring ÷ its rate, where only that is given",
         "natural frequencies of 1.2 to 1.8 Hz",
+    ),
+    "table_half_track": Assumable(
+        "-", 0.0, 0.005, "corner", "half track per travel beyond the bench table, outwards", _PLACES,
+    ),
+    "table_half_wheelbase": Assumable(
+        "-", 0.0, 0.005, "corner", "half wheelbase per travel beyond the bench table, forwards", _PLACES,
+    ),
+    "table_toe": Assumable("rad/m", 0.0, 0.01, "corner", "toe-in per travel beyond the bench table", _ANGLES),
+    "table_camber": Assumable(
+        "rad/m", 0.0, 0.01, "corner", "camber per travel beyond the bench table, top outwards", _ANGLES,
+    ),
+    "table_pitch": Assumable(
+        "rad/m", 0.0, 0.01, "corner", "pitch of the carrier per travel beyond the bench table, nose down", _ANGLES,
+    ),
+    "table_compliance": Assumable(
+        "-", 1.0, 0.1, "corner", "compliance ÷ that of the bench table",
+        "rubber: friction and temperature change its stiffness by 10 %",
     ),
 }  # fmt: skip
 """Every value that may be assumed, by key."""

@@ -19,6 +19,7 @@ from lacet.daq.vehicle import Corner, Vehicle
 from lacet.identify.car.car_tree import carrier_axes
 from lacet.identify.car.road import Road, RoadPlane
 from lacet.identify.car.rows import PRESSURE, RELEASED
+from lacet.identify.car.table_errors import compliance_factor, slope_errors
 from lacet.identify.car.wheel_joints import WheelJoints, wheel_joints
 from lacet.identify.car.wheel_load import load_in_body
 from lacet.identify.multibody.vectors import Array
@@ -37,7 +38,8 @@ def joints_under_load(
     def of(c: str, given: Array | None = None) -> WheelJoints:
         corner = vehicle.corners[c]
         other = road.travel(other_corner(c)) if corner.follows_other else None
-        return wheel_joints(corner, road.travel(c), other, signals.scalar(f"camera.{c}.steer", n), given)
+        steer = signals.scalar(f"camera.{c}.steer", n)
+        return wheel_joints(corner, road.travel(c), other, steer, given, slope_errors(corner, signals))
 
     gives = {c: k.compliance for c, corner in vehicle.corners.items() if (k := corner.joints) and k.compliance}
     loaded = [c for c in CORNERS if c in moved or (other_corner(c) in moved and other_corner(c) in gives)]
@@ -50,11 +52,11 @@ def joints_under_load(
             load_in_body(signals.value, f"wheel.{c}.{what}", axes, rig, plane.normal) for what in ("force", "moment")
         )
         loads[c] = loads_on(vehicle.corners[c], signals.value, force, moment, axes[:, 1])
-    return {
-        c: of(c, change_by_loads(vehicle.corners[c], gives[c], loads)) if c in gives else unloaded[c]
-        for c in CORNERS
-        if c in moved
-    }
+
+    def by_loads(corner: Corner) -> Array:
+        return compliance_factor(corner, signals) * change_by_loads(corner, gives[corner.name], loads)
+
+    return {c: of(c, by_loads(vehicle.corners[c])) if c in gives else unloaded[c] for c in CORNERS if c in moved}
 
 
 def loads_on(corner: Corner, values: Mapping[str, Array], force: Array, moment: Array, spin_axis: Array) -> WheelLoads:

@@ -49,29 +49,32 @@ class WheelJoints:
 
 
 def wheel_joints(
-    corner: Corner, own: Course, other: Course | None, steer: Course, given: Array | None = None
-) -> WheelJoints:
+    corner: Corner, own: Course, other: Course | None, steer: Course, given: Array | None = None,
+    errors: Array | None = None,
+) -> WheelJoints:  # fmt: skip
     """The joints of a corner along the travels [m] of its wheel and of the axle's `other` one, and its steer [rad].
 
     `other` is needed where the wheel follows the other one (`Corner.follows_other`). `given` : (5, N) changes of the
-    joints by loads, in the signs of the tables.
+    joints by loads, `errors` : (5, N) what their slopes by the own travel are beyond the tables; in the signs of these.
     """
     if corner.joints is None:
-        return _by_bump_table(corner, own, steer)
-    return _by_joint_tables(corner, corner.joints, own, other, steer, given)
+        return _by_bump_table(corner, own, steer, errors)
+    return _by_joint_tables(corner, corner.joints, own, other, steer, given, errors)
 
 
-def _by_bump_table(corner: Corner, own: Course, steer: Course) -> WheelJoints:
+def _by_bump_table(corner: Corner, own: Course, steer: Course, errors: Array | None) -> WheelJoints:
     travel, speed, accel = own
     table = kinematics(corner, travel)
+    beyond = np.zeros((5, 1)) if errors is None else table_signs(corner) * errors
+    change, slope = table.change + beyond * travel, table.slope + beyond
 
     def tabled(k: int, offset: float) -> Course:
-        s, d, dd = table.change[k], table.slope[k], table.curvature[k]
+        s, d, dd = change[k], slope[k], table.curvature[k]
         return offset + s, d * speed, d * accel + dd * speed**2
 
     return WheelJoints(
         tabled(0, corner.position[1]), tabled(1, corner.position[0]), tabled(4, 0.0), _kingpin(corner, steer),
-        table.slope, None, None,
+        slope, None, None,
     )  # fmt: skip
 
 
@@ -81,10 +84,13 @@ def _kingpin(corner: Corner, steer: Course) -> Course:
 
 
 def _by_joint_tables(
-    corner: Corner, tables: JointTables, own: Course, other: Course | None, steer: Course, given: Array | None
-) -> WheelJoints:
+    corner: Corner, tables: JointTables, own: Course, other: Course | None, steer: Course, given: Array | None,
+    errors: Array | None,
+) -> WheelJoints:  # fmt: skip
     signs = table_signs(corner)
     joints, by_own = _along(tables.own, own)
+    if errors is not None:
+        joints, by_own = _sum(joints, (errors * own[0], errors * own[1], errors * own[2])), by_own + errors
     if given is not None:
         joints = (joints[0] + given, joints[1], joints[2])
     by_other: Array | None = None

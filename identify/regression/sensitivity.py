@@ -41,6 +41,8 @@ _MEAN, _MEAN_RATE, _ASSUMED = 3, 4, 5
 _COPIES = 22
 """Largest number of perturbed copies of a run computed at once: the inputs that move the whole car; a corner's are
 fewer."""
+_PER_PERIOD = 5.0
+"""Instants in a period of the pre-filter's cut-off at which derivatives by errors of bench tables are computed."""
 _SAMPLES = 16_000
 """Largest number of samples of the copies computed at once: it limits the memory for long runs."""
 _DRAWN = 32_000
@@ -167,8 +169,9 @@ class Sensitivity:
         motion = build_motion(coarse, measured=measured)
         before = residual(motion, active, theta)
         parts = [*range(_ASSUMED)] if any(effect.conditional for effect in active) else [*range(_MEAN)]
-        slopes = _derivatives(coarse, measured, motion, before, active, theta, parts)
-        return cls(recording, CombSlopes(recording.t, comb, slopes | _by_assumptions(recording, active, theta)))
+        slopes = _derivatives(coarse, measured, motion, before, active, theta, _inputs(coarse.signals, parts))
+        slopes |= _by_assumptions(recording, active, theta) | _by_tables(recording, active, theta)
+        return cls(recording, CombSlopes(recording.t, comb, slopes))
 
     def on(self, recording: Recording) -> Sensitivity:
         """These derivatives with another recording of the same motion."""
@@ -178,9 +181,10 @@ class Sensitivity:
         """These derivatives with another recording of the same motion, from which those by assumptions are taken.
 
         What an assumption does is made of the channels at each sample, and holds their noise: without it the noise that
-        the residual has in common with it would be taken for a wrong assumption. At parameter values θ of `effects`.
+        the residual has in common with it would be taken for a wrong assumption. Errors of bench tables multiply loads,
+        of which noise is a small part. At parameter values θ of `effects`.
         """
-        if not self.assumptions:
+        if not self.recording.laws:
             return self.on(recording)
         active = [e for e in effects if _enters(e)]
         own = _by_assumptions(recording, active, _active_values(effects, values))
@@ -269,24 +273,43 @@ class Sensitivity:
 def _by_assumptions(
     recording: Recording, effects: Sequence[PhysicalEffect], theta: Array
 ) -> dict[Input, dict[Row, Array]]:
-    """Slopes of the residual by a recording's assumptions, at every sample: they follow the signals themselves."""
-    if not recording.signals.assumed:
+    """Slopes of the residual by what a recording's laws assume, at every sample: they follow the signals themselves."""
+    names = dict.fromkeys(one.name for law in recording.laws for one in law.assumptions)
+    return _by_inputs(recording, effects, theta, [(name, 0, _ASSUMED) for name in names])
+
+
+def _by_tables(recording: Recording, effects: Sequence[PhysicalEffect], theta: Array) -> dict[Input, dict[Row, Array]]:
+    """Slopes of the residual by errors of bench tables, interpolated from instants that hold the pre-filter's band."""
+    inputs = [(one.name, 0, _ASSUMED) for one in recording.tables]
+    filters = recording.filters
+    step = 1 if filters.pre_cutoff is None else max(1, round(filters.rate / (_PER_PERIOD * filters.pre_cutoff)))
+    some = recording.at(slice(None, None, step))
+    return {
+        key: {row: slope if slope.size == 1 else np.interp(recording.t, some.t, slope) for row, slope in rows.items()}
+        for key, rows in _by_inputs(some, effects, theta, inputs).items()
+    }
+
+
+def _by_inputs(
+    recording: Recording, effects: Sequence[PhysicalEffect], theta: Array, inputs: Sequence[Input]
+) -> dict[Input, dict[Row, Array]]:
+    if not inputs:
         return {}
     measured = MeasuredRows.of(recording)
     motion = build_motion(recording, measured=measured)
     before = residual(motion, effects, theta)
-    return _derivatives(recording, measured, motion, before, effects, theta, [_ASSUMED])
+    return _derivatives(recording, measured, motion, before, effects, theta, inputs)
 
 
 def _derivatives(
     recording: Recording, measured: MeasuredRows, motion: Motion, before: Mapping[Row, Array],
-    effects: Sequence[PhysicalEffect], theta: Array, parts: Sequence[int],
+    effects: Sequence[PhysicalEffect], theta: Array, inputs: Sequence[Input],
 ) -> dict[Input, dict[Row, Array]]:  # fmt: skip
-    """Slopes of the residual `before` by the inputs in these of the `_PARTS`, at the recording's samples."""
-    slopes = {key: dict[Row, Array]() for key in _inputs(recording.signals, parts)}
+    """Slopes of the residual `before` by these inputs, at the recording's samples."""
+    slopes = {key: dict[Row, Array]() for key in inputs}
     unchanged: dict[int, _Copies] = {}
     # Samples do not see each other, so that many changed copies of the run go through in one pass.
-    for corner, group in _groups(recording, parts, max(1, min(_COPIES, _SAMPLES // recording.t.size))):
+    for corner, group in _groups(recording, inputs, max(1, min(_COPIES, _SAMPLES // recording.t.size))):
         steps = [_scale(recording, one) * _STEPS[one[2]] for one in group]
         if len(group) not in unchanged:
             unchanged[len(group)] = _Copies.made(len(group), recording, measured, motion)
@@ -355,12 +378,15 @@ def _scale(recording: Recording, one: Input) -> float:
     return assumption.tolerance or abs(assumption.value) or 1.0
 
 
-def _groups(recording: Recording, parts: Sequence[int], most: int) -> list[tuple[str, list[Input]]]:
-    """Groups of at most `most` inputs, each with the corner whose channels they are, or "" for none."""
+def _groups(recording: Recording, inputs: Sequence[Input], most: int) -> list[tuple[str, list[Input]]]:
+    """Groups of at most `most` inputs, each with the corner whose channels or tables they are, or "" for none."""
     by_corner: dict[str, list[Input]] = {}
-    for one in _inputs(recording.signals, parts):
+    tables = {one.name for one in recording.tables}
+    for one in inputs:
         corner = ""
-        if not recording.laws:  # which may take one corner's channel for another's
+        if one[0] in tables:
+            corner = one[0].partition(".")[2]
+        elif not recording.laws:  # which may take one corner's channel for another's
             # A ground laser turns the road's plane under every wheel.
             channel = CHANNELS[one[0]]
             corner = "" if channel.family == "laser.ground" else channel.corner or ""

@@ -70,7 +70,8 @@ class Signals:
         signals are exact.
     sigma, rate_sigma : the standard deviations of the true ones from those.
     rate_rms : root mean square of the true rate over the run, at every sample.
-    assumed : value of each assumption (1, N), by name; empty where every channel is measured.
+    assumed : value of each assumption (1, N), by name; empty where every channel is measured and there is no bench
+        table.
     """
 
     value: Mapping[str, Array]
@@ -153,6 +154,9 @@ class Recording:
     start : time of the run's first sample [s]; `t` begins later in a piece of a long run.
     smoothers : channel → conditional distribution of its true value and rate, for channels whose laws bend; empty at
         single samples, whose `signals` have it.
+    sources, laws : where channels that are not measured come from, and how they follow from others.
+    tables : how far the bench tables of the vehicle file may be off (`car.table_errors`).
+    measured_elsewhere : rows that another run measures, which are not taken on assumptions in this one.
 
     Examples
     --------
@@ -176,12 +180,14 @@ class Recording:
     smoothers: Mapping[str, WienerSmoother] = field(default_factory=dict[str, WienerSmoother])
     sources: Mapping[str, Source] = field(default_factory=dict[str, Source])
     laws: tuple[Law[Signals], ...] = ()
+    tables: tuple[Assumption, ...] = ()
     measured_elsewhere: frozenset[str] = frozenset()
 
     @property
     def assumptions(self) -> dict[str, Assumption]:
-        """What is assumed, by name."""
-        return {one.name: one for law in self.laws for one in law.assumptions}
+        """What is assumed, by name: by the laws, and of the bench tables."""
+        of_laws = {one.name: one for law in self.laws for one in law.assumptions}
+        return of_laws | {one.name: one for one in self.tables}
 
     @property
     def completed(self) -> Signals:

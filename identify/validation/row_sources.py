@@ -71,7 +71,7 @@ def row_sources(fitted: Fit) -> list[RowSource]:
 def _responses(fitted: Fit, number: int) -> dict[str, dict[Row, float]]:
     """Assumption → row → RMS change of a run's residual by one tolerance."""
     sums: dict[str, dict[Row, list[Array]]] = {}
-    if not fitted.runs[number].recording.laws:
+    if not fitted.runs[number].recording.assumptions:
         return {}
     for piece in fitted.assembly.pieces_of(number):
         if piece.sensitivity is None:

@@ -20,6 +20,7 @@ from lacet.identify.car.sources.wheel_angles import Camber, Steer, SteeringWheel
 from lacet.identify.car.sources.wheel_force import LoadCell, Pushrod
 from lacet.identify.car.sources.wheel_moment import ContactMoment, Outboard
 from lacet.identify.car.sources.wheel_speed import RolledSpeed, Speed, speed_of_turns
+from lacet.identify.car.table_errors import table_assumptions
 from lacet.identify.signals.for_equations import STAND_INS, design_reading
 from lacet.identify.signals.reconstruct import Recording, Signals
 from lacet.identify.signals.sources import Kind, Law, Method, Source
@@ -38,20 +39,27 @@ def completed(recording: Recording) -> Recording:
 
     Nothing that is measured is replaced. Without wheel forces, and without a given sprung mass, nothing is assumed.
     """
-    if recording.laws or recording.sources:
+    if recording.laws or recording.sources or recording.tables:
         return recording
-    return _Completion(recording).done()
+    return with_tables(_Completion(recording).done())
+
+
+def with_tables(recording: Recording) -> Recording:
+    """The recording with what is assumed beyond the bench tables of its vehicle."""
+    tables, n = table_assumptions(recording.vehicle), recording.t.size
+    assumed = {**recording.signals.assumed, **{one.name: np.full((1, n), one.value) for one in tables}}
+    return replace(recording, signals=replace(recording.signals, assumed=assumed), tables=tables)
 
 
 def with_sources_of(recording: Recording, other: Recording) -> Recording:
     """A recording of some of another's samples, on the same instants, with the sources of that."""
-    if not other.sources:
+    if not other.assumptions and not other.sources:
         return recording
     derived = {name: a for name, a in other.signals.value.items() if name in other.sources}
     signals = replace(
         recording.signals, value={**recording.signals.value, **derived}, assumed=dict(other.signals.assumed)
     )
-    return replace(recording, signals=signals, sources=other.sources, laws=other.laws)
+    return replace(recording, signals=signals, sources=other.sources, laws=other.laws, tables=other.tables)
 
 
 @dataclass

@@ -15,7 +15,7 @@ from lacet.services.workspace.loading import Loaded
 
 LONGEST = 1800.0
 """Runs that are longer than this together are read anew [s]: kept, half an hour takes 150 MB."""
-_MADE = ("signals", "smoothers", "vehicle", "rig", "sources", "laws")
+_MADE = ("signals", "smoothers", "vehicle", "rig", "sources", "laws", "tables")
 """Fields of a recording that are made again: of its channels, and of the study's files."""
 
 
@@ -43,7 +43,7 @@ def _record(recording: Recording) -> dict[str, Any]:
     return {
         "fields": {one.name: getattr(recording, one.name) for one in fields(recording) if one.name not in _MADE},
         "value": {name: a for name, a in recording.signals.value.items() if name not in recording.sources},
-        "completed": bool(recording.sources),
+        "completed": bool(recording.sources or recording.tables),
         "noise": [sensor.noise for sensor in recording.rig.sensors],
         "beyond": max((one.beyond for one in recording.smoothers.values()), default=None),
     }
