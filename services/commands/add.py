@@ -20,7 +20,7 @@ from lacet.services.workspace.study import Study
 HELP = "add an effect to the model and see the error fall"
 DESCRIPTION = """\
 Add an effect to the study's present model, fit again and print the error before and after. The study keeps every
-version; lacet undo DIR goes back, lacet remove DIR EFFECT takes any effect out.
+version; lacet undo DIR goes back, lacet remove DIR EFFECT removes any effect.
 
   lacet add DIR anti_roll_bar.front
   lacet add DIR --best                      what the last diagnosis proposed

@@ -16,7 +16,7 @@ from lacet.simulate.linkage import SECOND_CARS, SecondCar
 from lacet.simulate.linkage.bench import Bench, bench_tests, find_test
 from lacet.simulate.linkage.mechanism import Mechanism
 
-HELP = "a simulated car on a virtual kinematics and compliance (K&C) bench, or the tables of a real one"
+HELP = "measure a simulated car on a virtual kinematics and compliance (K&C) bench, or read the tables of a real one"
 DESCRIPTION = f"""\
 Clamp the body of a car on linkages at its design height, move and load its wheels through the tests of a K&C bench, and
 write what such rigs deliver: one CSV a test, and a picture of them all. Columns, units and signs: docs/bench.md.

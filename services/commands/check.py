@@ -30,7 +30,7 @@ from lacet.services.workspace.study import Study
 
 HELP = "check the sensors' noise, latencies and position against the rig file, and the fit for bias by noise"
 DESCRIPTION = """\
-Are the sensors as the rig file says? Four questions, answered from ordinary runs:
+Check from ordinary runs whether the sensors are as the rig file says, by four questions:
 
   noise    each channel's noise from the upper part of its spectrum, against the rig's sheet
   latency  each sensor's latency, estimated together with the model's parameters, against the rig's

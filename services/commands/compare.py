@@ -20,11 +20,11 @@ from lacet.services.workspace.study import Study
 
 HELP = "compare the model with the measurement, row by row"
 DESCRIPTION = """\
-Every row of the equations, measured and modelled, on the runs used (direct validation) and on those held out (cross
-validation): RMS error, NRMSE, VAF, the error in units of its noise floor, and whether the residual looks like noise or
-has a colour of its own. A row marked ! fails. A row of a run held out marked ? cannot be judged, because the runs used
-leave open a parameter it needs; the parameter is named, and the run that would find it. Of runs held out the wheel
-forces are estimated as if there were no dynamometers, and compared with what these measured. Pictures go to
+Compare every row of the equations, measured and modelled, on the runs used (direct validation) and on those held out
+(cross validation): RMS error, NRMSE, VAF, the error in units of its noise floor, and whether the residual looks like
+noise or has a colour of its own. A row marked ! fails. A row of a run held out marked ? cannot be judged, because the
+runs used leave open a parameter it needs; the parameter is named, and the run that would find it. Of runs held out the
+wheel forces are estimated as if there were no dynamometers, and compared with what these measured. Pictures go to
 DIR/pictures.
 
   lacet compare DIR

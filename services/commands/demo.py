@@ -29,7 +29,7 @@ from lacet.services.workspace.results import diagnosis_result
 from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 
-HELP = "the whole chain on committed captures: wires, log, bus, worker, fit, missing effects, report"
+HELP = "run the whole chain on committed captures: wires, log, bus, worker, fit, missing effects, report"
 DESCRIPTION = """\
 Plays a capture over virtual CAN, a pseudo-terminal and UDP into a recorder, which logs it and publishes it to a worker;
 the worker assembles the run and fits the base model. The other captures are decoded from their files. Then the model is

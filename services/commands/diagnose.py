@@ -22,7 +22,7 @@ from lacet.services.workspace.study import Study
 
 HELP = "find out which physical effect is missing"
 DESCRIPTION = """\
-Every effect of the catalogue, and every sensor fault, is tried on top of the study's present model and ranked by how
+Try every effect of the catalogue, and every sensor fault, on top of the study's present model, and rank them by how
 much of the error it takes away from parts of the runs it was not fitted to. All that are missing are searched
 together: one is named only when simulated runs that lack it never look like that. Each effect gets one answer:
 missing, stands in for one that is, implausible size, smaller than asked for, not needed, or not testable with these

@@ -14,7 +14,7 @@ from lacet.services.machine.finding import State
 from lacet.services.machine.packages import packages, python, versions
 from lacet.services.machine.wires import wires
 
-HELP = "is this computer ready: packages, CAN, serial ports, clock, disk, browser, and what to do"
+HELP = "check whether this computer is ready (packages, CAN, serial ports, clock, disk, browser), and what to do"
 DESCRIPTION = """\
 Look at this computer and print a line for each thing: ok; absent, where only what the line says needs it; or warning,
 with what to do. Nothing is changed and nothing is sent.

@@ -20,7 +20,7 @@ from lacet.daq.bus.router_file import ROUTER_FILE, ROUTER_LISTEN, write_router
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, write_result
 
-HELP = "certificates for cars, workers and routers: a bus that nobody else can use"
+HELP = "make certificates for cars, workers and routers, so that nobody else can use the bus"
 DESCRIPTION = f"""\
 Make an authority of your own in DIR, on first use, and certify cars, workers and routers by name. Each gets a folder
 DIR/NAME with its certificate, its key and everybody's names; copy it to its machine, and nothing else.

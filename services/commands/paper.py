@@ -30,7 +30,7 @@ from lacet.services.reproduction.scores import MISSED, WITHOUT, Scored, print_ta
 from lacet.simulate.engine import engine_library
 from lacet.simulate.linkage import SECOND_CARS
 
-HELP = "the paper's tables 1 to 7 anew on the simulated car, side by side with the paper's"
+HELP = "repeat the paper's tables 1 to 7 on the simulated car, side by side with the paper's"
 DESCRIPTION = """\
 Do the paper again. Section 4: the simulated Peugeot 406, with the paper's a-priori values, is driven through sinus
 steering and a sudden lift-off, the model is fitted, and tables 1 to 4 are printed beside the paper's numbers. A line is

@@ -45,7 +45,7 @@ from lacet.services.workspace.study import Study
 from lacet.simulate import MANOEUVRES
 from lacet.simulate.engine import engine_library
 
-HELP = "say which run to drive next, and how much it would show"
+HELP = "rank the runs that could be driven next by how much they would show"
 DESCRIPTION = f"""\
 Rank manoeuvres, at several speeds and amplitudes, by how much a run of each would shrink the 95 % intervals of what is
 poorly known: every parameter whose half-width is above --goal, or what --want names. Nothing is measured for it: a car

@@ -9,7 +9,7 @@ from lacet.daq.formats.log_read import LogReader
 from lacet.daq.formats.log_recover import counts_of, recover
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 
-HELP = "write what is whole of a damaged log into a new one"
+HELP = "copy what is readable of a damaged log into a new one"
 DESCRIPTION = """\
 Read a log that was cut off or damaged (a killed process, an empty battery, a bad disk), and write every whole record of
 it into a new, finished log. The records are the same bytes; the new log remembers what the old one had lost, and the

@@ -13,9 +13,9 @@ from lacet.services.workspace.results import change_result
 from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 
-HELP = "take an effect out of the model again"
+HELP = "remove an effect from the model"
 DESCRIPTION = """\
-Take an effect out of the study's present model, fit again and print the error before and after. The study keeps every
+Remove an effect from the study's present model, fit again and print the error before and after. The study keeps every
 version; lacet undo DIR goes back.
 
   lacet remove DIR coulomb.front"""

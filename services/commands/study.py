@@ -22,7 +22,7 @@ from lacet.services.workspace.results import study_result
 from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 
-HELP = "make a study, and see how the error fell"
+HELP = "make a study of runs, and see how the error fell by version"
 DESCRIPTION = """\
 A study is a folder of text files: the runs used and held out, every version of the model, its fit and its errors.
 

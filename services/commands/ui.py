@@ -14,7 +14,7 @@ from lacet.daq.parts import require
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS, LEAST_DRAWS
 from lacet.services.commands.bus_options import add_keys, credentials_of
 
-HELP = "the workbench: a local page to look, compare, add effects, and watch the error fall"
+HELP = "open the workbench: a local page to compare, add effects, and see the error fall"
 DESCRIPTION = """\
 Serve a page on this machine and print its address. On it runs are dropped in and chosen, the model is compared with
 the measurement, what is missing is ranked, added, removed and undone, own effects are written, the next run is

@@ -16,11 +16,12 @@ from lacet.services.workspace.study import Study
 
 HELP = "see where the model fails: rows, phases, states, and how much is left to explain"
 DESCRIPTION = """\
-Which rows are above their noise floor, and in which phase of driving (found from the motion: braking, cornering, rough
-road …); which measured states the error follows; and how much of it any smooth function of those states could explain,
-tested on parts of the runs the function was not made from. When that is no more than chance, nothing is left to find
-that these states can show. What depends on the past of the states and not on their present (a liquid, a mass on a
-mount) is told apart as history. Phases and errors are of all runs, the rest of the runs used. See docs/where.md.
+Print which rows are above their noise floor, and in which phase of driving (found from the motion: braking, cornering,
+rough road …); which measured states the error follows; and how much of it any smooth function of those states could
+explain, tested on parts of the runs the function was not made from. When that is no more than chance, nothing is left
+to find that these states can show. What depends on the past of the states and not on their present (a liquid, a mass
+on a mount) is listed apart, as history. Phases and errors are of all runs, the rest of the runs used. See
+docs/where.md.
 
   lacet where DIR                         the tables
   lacet where DIR --report where.html     with all pictures, in one file

@@ -23,7 +23,7 @@ def left_open(fitted: Fit) -> list[str]:
 def consistency_words(found: Consistency) -> str:
     """Whether rigid bodies with the fitted values exist, in one line."""
     if not found.judged:
-        return "cannot be judged: these runs tell no body's parameters"
+        return "cannot be judged: these runs determine no body's parameters"
     if found.consistent:
         return "consistent: bodies with these values can exist"
     if found.noise_explains:

@@ -159,7 +159,7 @@ def _untestable(c: Candidate) -> str:
             by = ", ".join(f"{key} {100 * share:.0f} %" for key, share in c.absorbed[: SELECTION.most_absorbing])
             return (
                 f"even at its largest plausible size it would stand out by only {c.size:.1f} times its noise "
-                f"(at least {SELECTION.least_size:g} needed){f', most of it taken up by {by}' if by else ''}"
+                f"(at least {SELECTION.least_size:g} needed){f', most of it absorbed by {by}' if by else ''}"
             )
         case _:
             return f"{100 * c.noise_part:.0f} % of what it would follow is noise of the sensors"
@@ -377,10 +377,10 @@ def _nothing(d: Diagnosis) -> str:
     worst = max(ratios, key=lambda row: ratios[row])
     least = min((c.p for c in ranked), default=1.0)
     text = (
-        f"Nothing is missing that these runs can show: with the sensor sheet's tolerances taken out the row farthest "
-        f"above its noise floor is {worst}, at {ratios[worst]:.2f}, and what the best of {len(ranked)} candidates "
-        f"does, chance does with p = {least:.2g}. {len(d.candidates) - len(ranked)} more could not be tested on these "
-        f"runs."
+        f"Nothing is missing that these runs can show: within the sensor sheet's tolerances the row farthest above "
+        f"its noise floor is {worst}, at {ratios[worst]:.2f} times, and chance does as well as the best of "
+        f"{len(ranked)} candidates with p = {least:.2g}. {len(d.candidates) - len(ranked)} more could not be tested on "
+        f"these runs."
     )
     text += _small(d)
     if small := [c for c in ranked if is_significant(c, d.effects[c.key], d.draws)]:
@@ -393,7 +393,7 @@ def _nothing(d: Diagnosis) -> str:
         )
     noisy = [f"{row} {x:.1f} times" for row, x in d.noise_ratio.items() if x > SELECTION.reported_noise_ratio]
     if noisy:
-        text += f" Sensors are noisier than their sheet says ({', '.join(noisy)}): lacet check tells which."
+        text += f" Sensors are noisier than their sheet says ({', '.join(noisy)}): lacet check shows which."
     if off := _off(d.grounds.tolerances.sizes, SELECTION.reported_tolerances):
         text += (
             f" For that the sensor sheet would have to be off by more than {SELECTION.reported_tolerances:g} of its "

@@ -57,12 +57,6 @@ ALLOWED: dict[str, str] = {
     r"\bstrain gauges?\b": "the instrument",
     r"\b(nothing (is )?)?left to (explain|find)\b": "a sentence of machine-readable results and of `lacet where`",
     r"mostly pulls at the road": "a force, in a message of the checks on loading",
-    r"would tell most": "a sentence of machine-readable results (`next.says`)",
-    r"these runs tell no body's parameters": "a sentence of machine-readable results",
-    r"sheet's tolerances taken out the row": "a sentence of machine-readable results (`says`)",
-    r"lacet check tells which": "a sentence of machine-readable results (`says`)",
-    r"does not explain what is left": "a sentence of machine-readable results (`candidates.why`)",
-    r"most of it taken up by": "a sentence of machine-readable results (`candidates.why`)",
     r"too short to tell": "a value of `colour` in machine-readable results (docs/json.md)",
 }
 """Phrases in which such a word means something else, with the reason."""
