@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from enum import Enum, auto
 from pathlib import Path
 
@@ -70,12 +70,14 @@ class Stretch:
     usual : usual time [s] on the machine and runs of `lacet.services.timing.usual`; ratios matter more than seconds.
     subject : the step's subject, where the stage is for several of them ("used", "held out"); empty for any.
     likely : part of its time that is planned for: below 1 for a stage that only some jobs go through.
+    within : stages that are reported in between, within its time.
     """
 
     stage: AnyStage
     usual: float
     subject: str = ""
     likely: float = 1.0
+    within: frozenset[AnyStage] = frozenset()
 
     @property
     def name(self) -> str:
@@ -85,10 +87,18 @@ class Stretch:
 
 @dataclass(frozen=True)
 class JobPlan:
-    """What a job will do, in order; `memory` : file of the paces that its stages had the last time, if any."""
+    """What a job will do, in order.
+
+    Attributes
+    ----------
+    memory : file of the paces that its stages had the last time, if any.
+    further : stage → stretches that are ahead when the job comes to it and no such stage is planned ahead: a search
+        goes on as long as it finds effects.
+    """
 
     stretches: tuple[Stretch, ...]
     memory: Path | None = None
+    further: Mapping[AnyStage, tuple[Stretch, ...]] = field(default_factory=dict[AnyStage, tuple[Stretch, ...]])
 
 
 @dataclass(frozen=True)
@@ -114,9 +124,12 @@ class ServiceStep(AnyStep):
         return cls(step.stage, step.done, step.total, step.subject, step.values, version=version)
 
 
-def planned(stretches: Iterable[Stretch], memory: Path | None = None) -> ServiceStep:
+def planned(
+    stretches: Iterable[Stretch], memory: Path | None = None,
+    further: Mapping[AnyStage, tuple[Stretch, ...]] | None = None,
+) -> ServiceStep:  # fmt: skip
     """The step that says what a job will do from here on."""
-    return ServiceStep(ServiceStage.PLANNED, plan=JobPlan(tuple(stretches), memory))
+    return ServiceStep(ServiceStage.PLANNED, plan=JobPlan(tuple(stretches), memory, further or {}))
 
 
 Progress = Callable[[AnyStep], None]

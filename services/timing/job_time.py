@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from lacet.services.progress import AnyStep, JobPlan, ServiceStep, Stretch
@@ -106,6 +106,8 @@ class JobTime:
                 self._take(step.plan, now)
                 return
             place = self._find(step)
+            if place is None and self._extended(step):
+                place = self._find(step)
             if place is None:
                 self._leave(now)
                 return
@@ -113,7 +115,8 @@ class JobTime:
                 self._leave(now)
                 self._at, self._inside = place, True
             present = self._plan[place]
-            present.count(step, present.spent + now - self._since)
+            if step.stage == present.stretch.stage:
+                present.count(step, present.spent + now - self._since)
 
     def estimate(self) -> Estimate | None:
         """Share done and time remaining now; None for a job that has announced no plan."""
@@ -145,18 +148,33 @@ class JobTime:
     def _take(self, plan: JobPlan, now: float) -> None:
         """Go on with a plan of what is ahead."""
         self._leave(now)
-        paces = remembered(plan.memory)
-        known = [one for one in plan.stretches if one.name in paces]
+        self._memory = plan
+        self._plan = [*self._plan[: self._at + 1], *self._expected(plan.stretches)]
+
+    def _extended(self, step: AnyStep) -> bool:
+        """Whether the plan goes on with what is ahead from an unplanned stage."""
+        ahead = self._memory.further.get(step.stage) if self._memory else None
+        if ahead is None:
+            return False
+        after = self._at + 1
+        self._plan[after:after] = self._expected(ahead)
+        return True
+
+    def _expected(self, stretches: Sequence[Stretch]) -> list[_Visited]:
+        """Stretches with their expected times, by the paces that their stages had the last time."""
+        assert self._memory is not None
+        paces = remembered(self._memory.memory)
+        known = [one for one in self._memory.stretches if one.name in paces]
         usual = sum(one.usual for one in known)
         others = sum(paces[one.name] * one.usual for one in known) / usual if usual > 0.0 else 1.0
-        ahead = [_Visited(one, one.likely * one.usual * paces.get(one.name, others)) for one in plan.stretches]
-        self._plan = [*self._plan[: self._at + 1], *ahead]
-        self._memory = plan
+        return [_Visited(one, one.likely * one.usual * paces.get(one.name, others)) for one in stretches]
 
     def _find(self, step: AnyStep) -> int | None:
         """Place in the plan of a step: where it is, or the next ahead; None for one that is not planned."""
         for place in range(max(self._at, 0), len(self._plan)):
             one = self._plan[place]
+            if place == self._at and step.stage in one.stretch.within:
+                return place
             if one.stretch.stage != step.stage or one.stretch.subject not in ("", step.subject):
                 continue
             # Counting that begins anew belongs to the next stretch of this stage, where there is one.

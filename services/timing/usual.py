@@ -35,6 +35,14 @@ USUAL: Mapping[AnyStage, float] = {
     Stage.TRIAL_COLUMNS: 0.32,
     Stage.REGRESSOR_NOISE: 1.8,
     Stage.SCORE_TESTS: 0.15,
+    Stage.RELINEARISATION: 2.5,
+    Stage.FLOOR_AT_LATENCIES: 2.0,
+    Stage.FLOOR_AT_TOLERANCES: 2.0,
+    Stage.FORWARD_SELECTION: 0.85,
+    Stage.FIT_WITH_EFFECTS: 0.45,
+    Stage.FLOOR_BESIDE_EFFECT: 0.45,
+    Stage.ENCOMPASSING: 2.0,
+    Stage.SYMBOLIC_LAWS: 6.0,
     Stage.LACK_OF_FIT: 0.28,
     Stage.PARAMETER_CONSTANCY: 0.82,
     ServiceStage.PRESENT_INFORMATION: 0.7,
@@ -55,6 +63,10 @@ USUAL: Mapping[AnyStage, float] = {
     ServiceStage.DRAWING_PRESENT_FAILURE: 1.9,
 }
 """Stage → time [s]."""
+WITHIN: Mapping[AnyStage, frozenset[AnyStage]] = {
+    Stage.FORWARD_SELECTION: frozenset({Stage.SHAPE_CONSTANTS, Stage.TRIAL_COLUMNS})
+}
+"""Stage → stages that are reported within its time."""
 PLANNED_RUNS = 23
 """Number of runs in the library of manoeuvres."""
 
@@ -67,4 +79,4 @@ def drives_plan(drives: Iterable[tuple[str, float]]) -> list[Stretch]:
 
 def stretch(stage: AnyStage, parts: float = 1.0, subject: str = "", likely: float = 1.0) -> Stretch:
     """A stretch of a plan of so many parts: runs, or whatever its stage's time is of."""
-    return Stretch(stage, USUAL[stage] * parts, subject, likely)
+    return Stretch(stage, USUAL[stage] * parts, subject, likely, WITHIN.get(stage, frozenset()))

@@ -124,7 +124,7 @@ class Session:
             self._announced = False
 
     def _announce(self, plan: StudyPlan) -> None:
-        self.progress(planned(plan.stretches, self.study.folder / FOLDER / FILE))
+        self.progress(planned(plan.stretches, self.study.folder / FOLDER / FILE, plan.further))
 
     def diagnose(self) -> Diagnosis:
         """Rank what is missing in the current version, and keep the finding."""

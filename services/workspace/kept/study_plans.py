@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from lacet.identify.progress import Stage
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS
-from lacet.services.progress import ServiceStage, Stretch
+from lacet.services.progress import AnyStage, ServiceStage, Stretch
 from lacet.services.timing.usual import PLANNED_RUNS, stretch
 from lacet.services.workspace.kept.kept_values import KeptValues
 from lacet.services.workspace.study import Version
@@ -45,6 +45,11 @@ class StudyPlan:
             self._one("result", later)
             self._one("ranking", later)
         return self
+
+    @property
+    def further(self) -> Mapping[AnyStage, tuple[Stretch, ...]]:
+        """Stretches ahead when a ranking comes to a stage that only some rankings have, or have several times."""
+        return {stage: tuple(stretch(one, self._used) for one in (stage, *after)) for stage, after in _FURTHER.items()}
 
     def _one(self, kind: str, version: Version) -> None:
         match kind:
@@ -102,7 +107,7 @@ class StudyPlan:
                     self._floor(version)
                     for stage in _RANKING:
                         self._add(stage, self._used)
-                    for stage in _FINDING:
+                    for stage in (*_ROUND, *_FINDING):
                         self.stretches.append(stretch(stage, self._used, likely=SELDOM))
 
     def _compared(self, version: Version) -> None:
@@ -147,5 +152,17 @@ _WHERE = (
     Stage.STATES_FOLLOWED, Stage.RESIDUAL_SPECTRA, Stage.STATES_FOLLOWED, Stage.EXPLAINABLE_RESIDUAL,
     Stage.RESTORING_FORCES,
 )  # fmt: skip
-_RANKING = (Stage.SENSOR_TOLERANCES, Stage.TRIAL_COLUMNS, Stage.REGRESSOR_NOISE, Stage.SCORE_TESTS)
+_TESTS = (Stage.TRIAL_COLUMNS, Stage.REGRESSOR_NOISE, Stage.SCORE_TESTS)
+_RANKING = (Stage.SENSOR_TOLERANCES, *_TESTS)
+_REFIT = (Stage.FLOOR_BESIDE_EFFECT, *_TESTS)
+_ROUND = (Stage.FORWARD_SELECTION, Stage.FIT_WITH_EFFECTS, *_REFIT)
 _FINDING = (Stage.LACK_OF_FIT, Stage.PARAMETER_CONSTANCY)
+_FURTHER: Mapping[AnyStage, tuple[AnyStage, ...]] = {
+    Stage.FORWARD_SELECTION: (Stage.FIT_WITH_EFFECTS, *_REFIT),
+    Stage.FIT_WITH_EFFECTS: _REFIT,
+    Stage.RELINEARISATION: (Stage.FLOOR_AT_LATENCIES, *_TESTS),
+    Stage.FLOOR_AT_TOLERANCES: _TESTS,
+    Stage.ENCOMPASSING: (Stage.FIT_WITH_EFFECTS, *_REFIT, Stage.SYMBOLIC_LAWS),
+    Stage.SYMBOLIC_LAWS: _REFIT,
+}
+"""Stage of a search → stages that follow it, as a rule."""

@@ -148,6 +148,36 @@ def test_no_time_left_is_shown_while_a_search_goes_on_beyond_its_plan():
     assert left[2] is None, "thirty seconds of forty were not planned"
 
 
+def test_a_plan_goes_on_where_a_search_does():
+    """A second round of a search is not planned, but what follows its first stage is known."""
+    clock = Clock()
+    time = JobTime(clock)
+    fit, test = Stage.FIT_WITH_EFFECTS, Stage.SCORE_TESTS
+    rounds = (Stretch(fit, 10.0), Stretch(test, 30.0))
+    time.step(planned(rounds, further={fit: rounds}))
+    for seconds, stage in ((10.0, fit), (30.0, test)):
+        time.step(ServiceStep(stage))
+        clock.now += seconds
+    time.step(ServiceStep(fit))  # the second round
+    clock.now += 4.0
+    now = time.estimate()
+    assert now is not None
+    assert now.remaining == pytest.approx(36.0, rel=0.05)
+
+
+def test_a_stage_reported_within_another_takes_none_of_the_plan_ahead():
+    clock = Clock()
+    time = JobTime(clock)
+    search, columns = Stage.FORWARD_SELECTION, Stage.TRIAL_COLUMNS
+    time.step(planned([Stretch(search, 20.0, within=frozenset({columns})), Stretch(columns, 30.0)]))
+    for stage in (search, columns, search):
+        time.step(ServiceStep(stage))
+        clock.now += 5.0
+    now = time.estimate()
+    assert now is not None
+    assert now.remaining == pytest.approx(35.0, rel=0.05)
+
+
 def test_a_job_without_a_plan_has_no_share():
     time = JobTime(Clock())
     time.step(ServiceStep(ServiceStage.FITTING))
