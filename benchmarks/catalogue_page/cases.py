@@ -174,6 +174,9 @@ CASES: dict[str, Case] = {
     ),
     "lateral_compliance": Case(how="none", why=_ON_LINKAGES),
     "longitudinal_compliance": Case(how="none", why=_ON_LINKAGES),
+    **dict.fromkeys(
+        ("half_track_table", "half_wheelbase_table", "camber_table", "toe_table"), Case(how="none", why=_ON_LINKAGES)
+    ),
     "body": _share("lateral acceleration", "chassis.fy", STEERING, BUMPY),
     "spring": _share("travel", "suspension.fl"),
     "damper": _share("travel rate", "suspension.fl"),

@@ -109,6 +109,7 @@ def _corner(
         pitch=part.pitch,
         axes=part.axes,
         centre=part.centre,
+        shift=part.centre - np.array(corner.position)[:, None],
         dp_ds=part.dp_ds,
         dphi_ds=part.dphi_ds,
         wheel_dphi_ds=torques[0],

@@ -67,6 +67,7 @@ class CornerMotion:
     steer, camber, pitch : carrier attitude Rz(steer) Rx(camber) Ry(pitch) [rad].
     axes : (3, 3, N) that rotation, from carrier to body axes.
     centre : wheel centre from the body origin [m].
+    shift : wheel centre from its design position [m].
     dp_ds, dphi_ds : wheel-centre position and carrier rotation per unit of travel, from the bench tables.
     wheel_dphi_ds : the same for the wheel: equal to dphi_ds, or without its part about the spin axis in a suspension
         row from which the half-shaft torque was eliminated.
@@ -101,6 +102,7 @@ class CornerMotion:
     pitch: Array
     axes: Array
     centre: Array
+    shift: Array
     dp_ds: Array
     dphi_ds: Array
     wheel_dphi_ds: Array

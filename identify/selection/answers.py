@@ -34,6 +34,9 @@ def _answered(c: Candidate, joint: Joint, found: Sequence[Candidate], beside: Ca
     tied = next((one.key for one in found if c.key in dict(one.ties)), "")
     if tied:
         return replace(alone, answer=Answer.UNDECIDED, stands_for=tied)
+    part = next((one.key for one in found if c.key in [table.key for table in one.confounded]), "")
+    if part:
+        return replace(alone, answer=Answer.UNDECIDED, reason=Reason.CONFOUNDED, stands_for=part)
     if c.key in joint.parts:
         return replace(alone, answer=Answer.UNDECIDED, reason=Reason.PART_OF_REST)
     if not found or not joint.effects or alone.reason is Reason.CHANCE:

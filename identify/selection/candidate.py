@@ -60,8 +60,27 @@ class Reason(Enum):
     """It was in the set found and explains no more than remains unlisted in its rows."""
     TIED = auto()
     """It was in the set found, something unlisted remains, and its `ties` are not rejected in its place."""
+    CONFOUNDED = auto()
+    """A bench table whose error could be a part of one found (`Candidate.confounded`)."""
     PASSES = auto()
     """It passes every bar."""
+
+
+@dataclass(frozen=True)
+class Confounded:
+    """A table that could be wrong in place of a part of a law.
+
+    Attributes
+    ----------
+    key : of the table's effect.
+    low, high : 95 % interval of how far it is off, ÷ what it says, by the same runs; at most `SELECTION.table_error`.
+    share : largest change of a parameter of the law in that range, ÷ its size.
+    """
+
+    key: str
+    low: float
+    high: float
+    share: float
 
 
 @dataclass(frozen=True)
@@ -85,6 +104,7 @@ class Candidate:
     lacks : channels that it needs and a run lacks, where it cannot be computed.
     values : estimates of its parameters [SI], and `interval`, half of their 95 % intervals (independent residuals).
     ties : candidates that could be in its place on these runs (not rejected by Cox's test), with their correlation.
+    confounded : bench tables of which an error could be a part of it, of an effect found.
     total : sum of its size and those of the same law at other places, where these runs show only that; else None.
     margin : weighted squares that an effect found explains more than its best `rival` in its place; None without one.
     block_gain : (B,) fall of the weighted squares in each block.
@@ -116,6 +136,7 @@ class Candidate:
     values: tuple[float, ...] = ()
     interval: tuple[float, ...] = ()
     ties: tuple[tuple[str, float], ...] = ()
+    confounded: tuple[Confounded, ...] = ()
     total: SumOfPlaces | None = None
     margin: float | None = None
     rival: str = ""

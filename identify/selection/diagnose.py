@@ -19,7 +19,7 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.answers import answered
-from lacet.identify.selection.candidate import Answer, Candidate, Reason, judged
+from lacet.identify.selection.candidate import Answer, Candidate, Confounded, Reason, judged
 from lacet.identify.selection.chow_test import ParameterConstancy, chow_test, chow_test_in_model
 from lacet.identify.selection.columns.linearisation import Linearisation, sheet_products
 from lacet.identify.selection.columns.ranked_runs import LocalRuns, RankedRuns
@@ -41,6 +41,7 @@ from lacet.identify.selection.joint.refits import (
 from lacet.identify.selection.joint.shape_constants import refined
 from lacet.identify.selection.joint.starts import starts
 from lacet.identify.selection.joint.subset_search import strength
+from lacet.identify.selection.joint.wrong_tables import confounded_with
 from lacet.identify.selection.laws.described import Described, described
 from lacet.identify.selection.laws.encompassing import only_encompassing
 from lacet.identify.selection.laws.formulas import Formula, propose
@@ -290,12 +291,18 @@ def _as_found(joint: Joint, effect: Effect, draws: int) -> Candidate:
         interval=tuple(float(SELECTION.interval_quantile * one) for one in sigma),
         ties=tuple((one.key, one.correlation) for one in confidence_set(tried, joint.space.draws)),
         margin=tried[0].margin if tried else None, rival=tried[0].key if tried else "",
+        confounded=_confounded(joint, effect.key),
     )  # fmt: skip
 
 
 def _alternatives(joint: Joint, key: str) -> list[Alternative]:
     law = next((law for law in joint.laws if law.key == key), None)
     return [] if law is None else alternatives(joint.space, law)
+
+
+def _confounded(joint: Joint, key: str) -> tuple[Confounded, ...]:
+    law = next((law for law in joint.laws if law.key == key), None)
+    return () if law is None else confounded_with(joint.space, law)
 
 
 def _concluded(

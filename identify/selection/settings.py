@@ -126,6 +126,15 @@ class SelectionSettings:
     """Fall of the weighted squares by which a value off the grid must be better at first, and a rival for it to take a
     law's place [weighted squares]. Source: two σ of one parameter (χ² with one degree of freedom, 95 %: 3.84)."""
 
+    table_error: float = 0.25
+    """Largest error of a bench table that is thought of as part of a law found, ÷ what it says [share]. Source: a
+    choice; docs/bench.md."""
+    confounded_share: float = 0.1
+    """Part of a law's size by which such a table must change it to be named beside it [share]. Source: a choice."""
+    confounded_interval: float = 0.5
+    """The same ÷ half of the 95 % interval of the size, with the sensor sheet: what widens that by an eighth [share].
+    Source: a choice."""
+
     # -- re-linearisation at late instruments --------------------------------------------------------------------------
 
     first_order_phase: float = 0.15

@@ -251,7 +251,7 @@ def candidate_table(result: Mapping[str, Any], most: int = 12) -> Table:
         [
             c["effect"], c["answer"], f"{100 * c['gain']:.1f}", f"{c['gain_rms']:.3g}", f"{c['p']:.3f}",
             "-" if c["margin"] is None else f"{c['margin']:.3g}",
-            f"{c['coverage']:.0f}", ", ".join(t["effect"] for t in c["ties"]) or "-",
+            f"{c['coverage']:.0f}", ", ".join(t["effect"] for t in (*c["ties"], *c.get("confounded", ()))) or "-",
         ]
         for c in result["candidates"]
         if c["answer"] != "not testable"

@@ -39,7 +39,7 @@ def why(d: Diagnosis, c: Candidate) -> str:
     if found is not None:
         return f"{reason_text(c, d.effects.get(c.key), d.draws)}{_rivals(c)}"
     text = reason_text(c, d.effects.get(c.key), d.draws)
-    if c.answer is not Answer.UNDECIDED or c.reason in NOT_NAMED:
+    if c.answer is not Answer.UNDECIDED or c.reason in (*NOT_NAMED, Reason.CONFOUNDED):
         return text
     if c.stands_for:
         return f"{text} It cannot be told apart from {c.stands_for}."
@@ -70,6 +70,8 @@ def reason_text(c: Candidate, effect: Effect | None, draws: int) -> str:
             )
         case Reason.STANDS_IN:
             return f"{takes} It stands in for {c.stands_for}: with that in the model chance does as well."
+        case Reason.CONFOUNDED:
+            return f"{takes} Undecided: an error of these tables could be a part of {c.stands_for}."
         case Reason.IMPLAUSIBLE:
             wrong = _implausible(c, effect)
             return f"{takes} Implausible size: {wrong}, which no car has; something else looks like it ({chance})."
@@ -98,10 +100,23 @@ def _about(c: Candidate, effect: Effect) -> str:
 def _rivals(c: Candidate) -> str:
     """What could be in the place of an effect found, or by how much it explains more than its best rival."""
     if c.ties:
-        return f" It cannot be told apart from {', '.join(key for key, _ in c.ties)} on these runs."
+        return f" It cannot be told apart from {', '.join(key for key, _ in c.ties)} on these runs.{_wrong_tables(c)}"
     if c.margin is None:
-        return ""
-    return f" It explains {c.margin:.3g} weighted squares more than {c.rival}, the best in its place."
+        return _wrong_tables(c)
+    lead = f" It explains {c.margin:.3g} weighted squares more than {c.rival}, the best in its place."
+    return f"{lead}{_wrong_tables(c)}"
+
+
+def _wrong_tables(c: Candidate) -> str:
+    return f" A part of it may be {_tables(c)}." if c.confounded else ""
+
+
+def _tables(c: Candidate) -> str:
+    """Bench tables whose error could be a part of an effect found: how far off they may be, and how much of it."""
+    return ", ".join(
+        f"{one.key} ({100 * one.low:+.0f} to {100 * one.high:+.0f} % here; up to {100 * one.share:.0f} % of it)"
+        for one in c.confounded
+    )
 
 
 def sizes(c: Candidate, effect: Effect) -> str:
@@ -234,6 +249,7 @@ def _several(d: Diagnosis) -> str:
         for c in d.found
         if c.ties
     )
+    tied += "".join(f" Of {c.key} a part may be {_tables(c)}." for c in d.found if c.confounded)
     whole = all(c.total is not None and len(c.total.keys) == len(d.found) for c in d.found)
     as_one = " as one, or one of them" if whole else ""
     together = f": added together{share}" if d.failing else ""

@@ -142,6 +142,9 @@ def candidate_result(d: Diagnosis, c: Candidate) -> dict[str, Any]:
         "drop": c.drop,
         "absorbed": [{"by": name, "share": share} for name, share in c.absorbed],
         "ties": [{"effect": key, "correlation": r} for key, r in c.ties],
+        "confounded": [
+            {"effect": one.key, "low": one.low, "high": one.high, "share": one.share} for one in c.confounded
+        ],
         "sum": None if c.total is None else sum_result(c.total),
         "stands_for": c.stands_for,
         "margin": c.margin,

@@ -61,6 +61,7 @@ class AntiDive(_CentreSlope):
     shown_by = "braking and accelerating"
     source = "Gillespie (1992), Fundamentals of Vehicle Dynamics, chapter 7 (anti-squat and anti-pitch)"
     rows = ("suspension", "chassis.my", "chassis.mz")
+    looks_like = ("half_wheelbase_table",)
 
     def direction(self, corner: str) -> Array:
         """Forward."""
@@ -80,7 +81,7 @@ class Jacking(_CentreSlope):
     shown_by = "cornering: fast steering, lift-off in a turn"
     source = "Milliken and Milliken (1995), Race Car Vehicle Dynamics, chapter 17; Reimpell et al. (2001), section 3.4"
     rows = ("suspension", "chassis.mx", "chassis.mz")
-    looks_like = ("camber_change",)
+    looks_like = ("camber_change", "half_track_table")
 
     def direction(self, corner: str) -> Array:
         """Outward."""

@@ -57,7 +57,7 @@ class CamberChange(_WheelTurn):
     signature = "suspension rows of an axle follow the moment about the x axis, outward on both sides"
     shown_by = "cornering: fast steering, lift-off in a turn"
     source = "Reimpell et al. (2001), The Automotive Chassis, section 3.5; Dixon (2009), chapter 7"
-    looks_like = ("jacking",)
+    looks_like = ("jacking", "camber_table")
 
     def axis(self, corner: CornerMotion) -> Array:
         """x, steered."""
@@ -72,6 +72,7 @@ class ToeChange(_WheelTurn):
     signature = "suspension rows of an axle follow the self-aligning moment, mirrored left and right"
     shown_by = "cornering, braking: large moments about the vertical axis"
     source = "Reimpell et al. (2001), The Automotive Chassis, section 3.6; Dixon (2009), chapter 6"
+    looks_like = ("toe_table",)
 
     def axis(self, corner: CornerMotion) -> Array:
         """z."""

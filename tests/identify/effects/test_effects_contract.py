@@ -118,8 +118,8 @@ Dimension = tuple[int, int, int]
 
 _DIMENSION: dict[str, Dimension] = {
     "travel": (0, 1, 0), "rate": (0, 1, -1), "accel": (0, 1, -2), "steer": (0, 0, 0), "camber": (0, 0, 0),
-    "pitch": (0, 0, 0), "axes": (0, 0, 0), "centre": (0, 1, 0), "dp_ds": (0, 0, 0), "dphi_ds": (0, -1, 0),
-    "wheel_dphi_ds": (0, -1, 0), "torque_work": (1, 1, -2), "torque": (1, 2, -2),
+    "pitch": (0, 0, 0), "axes": (0, 0, 0), "centre": (0, 1, 0), "shift": (0, 1, 0), "dp_ds": (0, 0, 0),
+    "dphi_ds": (0, -1, 0), "wheel_dphi_ds": (0, -1, 0), "torque_work": (1, 1, -2), "torque": (1, 2, -2),
     "force": (1, 1, -2), "moment": (1, 2, -2), "spin_axis": (0, 0, 0), "spin": (0, 0, -1), "spin_accel": (0, 0, -2),
     "normal": (0, 0, 0), "height": (0, 1, 0), "deflection": (0, 1, 0), "deflection_rate": (0, 1, -1),
     "centre_accel": (0, 1, -2), "omega": (0, 0, -1), "omega_dot": (0, 0, -2), "t": (0, 0, 1), "velocity": (0, 1, -1),
@@ -207,7 +207,7 @@ def _homogeneous(effect: Effect, before: Mapping[str, np.ndarray], after: Mappin
 
 # ---- left and right
 
-_POLAR = {"centre", "dp_ds", "force", "normal", "centre_accel", "accel", "velocity"}
+_POLAR = {"shift", "centre", "dp_ds", "force", "normal", "centre_accel", "accel", "velocity"}
 """Vectors that a mirror at the middle plane turns in y; of others (moments, rates) it turns x and z."""
 _AXIAL = {"dphi_ds", "wheel_dphi_ds", "moment", "spin_axis", "omega", "omega_dot", "attitude"}
 _ANGLES = {"steer", "camber"}
