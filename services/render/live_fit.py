@@ -29,7 +29,8 @@ def still_needed(seconds: float, least: float) -> str:
     if seconds <= 0.0:
         return "enough"
     if math.isinf(seconds):
-        return f"not by more of the same: {percent(least) if least > 1.0 else f'± {percent(least)}'} at best"
+        best = "over 100 %" if least > 1.0 else f"± {100.0 * least:.3g} %"
+        return f"not by more of the same: {best} at best"
     if seconds > LONG:
         return "hours more"
     return f"{seconds:.0f} s more" if seconds <= SHORT else f"{seconds / 60.0:.0f} min more"

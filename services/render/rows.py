@@ -194,5 +194,10 @@ def with_verdict(score: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def ratio_text(ratio: float) -> str:
+    """Error ÷ noise floor as the page shows it: two decimals below 10, one below 100."""
+    return f"{ratio:.{2 if ratio < 9.995 else 1 if ratio < 99.95 else 0}f}"
+
+
 def _level(ratio: float) -> int:
     return sum(ratio > limit for limit in LEVELS)

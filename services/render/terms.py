@@ -52,6 +52,40 @@ TERMS: dict[str, Term] = {
         "than noise, where a dash stands.",
         "glossary.md",
     ),
+    "validation": Term(
+        "direct and cross validation",
+        "Direct: the run was used for the fit. Cross: it was held out, and is predicted by a model fitted to other "
+        "runs.",
+        "glossary.md",
+    ),
+    "span": Term(
+        "error ÷ span",
+        "RMS of measured − modelled in per cent of the largest less the smallest measured value of the run.",
+        "glossary.md",
+    ),
+    "colour": Term(
+        "residual like noise, or coloured",
+        "Whether the residual's spectrum is that of the sensors' noise; otherwise the frequency at which most is too "
+        "much.",
+        "derived.md",
+    ),
+    "judged": Term(
+        "verdict",
+        f"A row fails above {FAILS:g} times its floor. A run held out is not judged where the fit knows too little of "
+        "what it needs.",
+        "derived.md",
+    ),
+    "source": Term(
+        "source of a row",
+        "Whether all channels of a row's equation are measured, derived from others, assumed with a tolerance, or what "
+        "would have to be added.",
+        "fewer-instruments.md",
+    ),
+    "share": Term(
+        "share of an effect",
+        "Part of the modelled row that one effect makes. All shares and the zeros of the sensors add up to it.",
+        "glossary.md",
+    ),
     "effect": Term(
         "effect",
         "One term of the model: a physical law or a fault of a sensor, linear in its parameters, at one place of "
@@ -142,6 +176,73 @@ TERMS: dict[str, Term] = {
         "The manoeuvre, of a library that is simulated, after which tied effects come apart or an effect that "
         "these runs cannot test would show.",
         "separation.md",
+    ),
+    "sensor_state": Term(
+        "state of a sensor",
+        "Running, or what the recorder sees to be wrong: silent, slow, babbling (too many samples), stuck (its value "
+        "stands still while the car moves), or clock (its time jumps).",
+        "live.md",
+    ),
+    "flagged": Term(
+        "flagged samples",
+        "Samples that are marked as not to be used: beyond the range, reported bad by the sensor, or stuck.",
+        "log.md",
+    ),
+    "losses": Term(
+        "losses of a channel",
+        "Blocks of samples that did not reach this page. The recorder's log has its own count.",
+        "live.md",
+    ),
+    "marker": Term(
+        "marker",
+        "A time in the recording with a text, kept in the log; commands take it as the beginning or the end of a run.",
+        "live.md",
+    ),
+    "apriori": Term(
+        "a priori",
+        "The value in the vehicle file, before any run was driven.",
+        "vehicle.md",
+    ),
+    "ride_rate": Term(
+        "ride rate",
+        "Stiffness of a corner between body and road: its spring in series with the tyre, at the wheel, bars apart.",
+        "derived.md",
+    ),
+    "damping_ratio": Term(
+        "damping ratio of the body",
+        "Damping of the body's motion on one corner ÷ critical damping.",
+        "derived.md",
+    ),
+    "static_load": Term(
+        "wheel load at rest",
+        "Load under the tyre of the car standing on a flat road.",
+        "derived.md",
+    ),
+    "ride_frequency": Term(
+        "natural frequency of the body",
+        "Undamped frequency of the body on an axle's springs, dampers and tyres.",
+        "derived.md",
+    ),
+    "hop_frequency": Term(
+        "natural frequency of the wheel",
+        "Undamped frequency of an axle's wheels between springs and tyres.",
+        "derived.md",
+    ),
+    "roll_stiffness": Term(
+        "roll stiffness",
+        "Roll moment of an axle's springs and anti-roll bar, per degree of body roll against the axle.",
+        "derived.md",
+    ),
+    "roll_gradient": Term(
+        "body roll per g",
+        "Roll of the body against the road for each g of lateral acceleration, tyres included.",
+        "derived.md",
+    ),
+    "load_transfer": Term(
+        "load transfer per g",
+        "Load that moves from the inner to the outer wheel of an axle for each g of lateral acceleration: through "
+        "springs and bar, through the roll centre, and of the unsprung mass.",
+        "derived.md",
     ),
     "version": Term(
         "version",

@@ -11,7 +11,8 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.selection.candidate import Answer
 from lacet.identify.validation.score import RowError, RowScore
 from lacet.services.render.effect_text import effect_label
-from lacet.services.render.verdicts import last_name, rounded, two_digits
+from lacet.services.render.rows import ratio_text
+from lacet.services.render.verdicts import last_name, rounded, three_digits, two_digits
 
 MOST_WORDS = 40
 """Largest number of words on a card, its button apart."""
@@ -132,7 +133,7 @@ def _lead(c: Mapping[str, Any]) -> str:
         return f"Not told apart from {c['ties'][0]['effect']}{f' and {others} more' if others else ''} on these runs"
     if c.get("margin") is None:
         return ""
-    return f"{_short(c['margin'])} weighted squares ahead of {c['rival']}"
+    return f"{three_digits(c['margin'])} weighted squares ahead of {c['rival']}"
 
 
 def _why_out(c: Mapping[str, Any], best: Mapping[str, Any] | None) -> str:
@@ -166,16 +167,11 @@ def _rows(rows: Sequence[str]) -> str:
     return rows[0] if len(rows) == 1 else f"{rows[0]} and {len(rows) - 1} more"
 
 
-def _short(x: float) -> str:
-    """A number to three digits without an exponent."""
-    return f"{float(f'{x:.3g}'):.0f}" if x >= 100.0 else f"{x:.3g}"
-
-
 def preview_sentence(row: Row, run: str, now: RowScore, after: RowScore, before: RowError, then: RowError) -> str:
     """What a model with one more effect does where it does most: in its row's worst run, and over all runs used."""
     part = 1.0 - after.rms / now.rms if now.rms > 0.0 else 0.0
     fall = "no change" if abs(part) < 0.005 else f"{100 * abs(part):.0f} % {'less' if part > 0.0 else 'more'}"
     return (
         f"{row} in {run}: {now.rms:.3g} → {after.rms:.3g} {now.unit} RMS residual, {fall}; over all runs used "
-        f"{before.ratio:.2f} → {then.ratio:.2f} times its floor."
+        f"{ratio_text(before.ratio)} → {ratio_text(then.ratio)} times its floor."
     )

@@ -103,7 +103,7 @@ def _rivals(c: Candidate) -> str:
         return f" It cannot be told apart from {', '.join(key for key, _ in c.ties)} on these runs.{_wrong_tables(c)}"
     if c.margin is None:
         return _wrong_tables(c)
-    lead = f" It explains {c.margin:.3g} weighted squares more than {c.rival}, the best in its place."
+    lead = f" It explains {three_digits(c.margin)} weighted squares more than {c.rival}, the best in its place."
     return f"{lead}{_wrong_tables(c)}"
 
 
@@ -440,8 +440,13 @@ def last_name(q: Parameter) -> str:
 
 
 def two_digits(half: float) -> str:
-    """An interval to two digits, without a power of ten up to a million."""
-    return f"{float(f'{half:.2g}'):g}"
+    """An interval to its second digit, as its value beside it; to whole numbers from 100 on."""
+    return rounded(half, half)
+
+
+def three_digits(value: float) -> str:
+    """A number to three digits, without a power of ten."""
+    return f"{float(f'{value:.3g}'):.0f}" if value >= 100.0 else f"{value:.3g}"
 
 
 def rounded(value: float, half: float) -> str:

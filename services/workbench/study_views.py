@@ -20,6 +20,7 @@ from lacet.services.render.effect_text import effect_label
 from lacet.services.render.row_sources import HEAD, sources_lines
 from lacet.services.render.rows import ERROR_MEANINGS, error_summary, row_label, with_verdict
 from lacet.services.render.units import unit_text
+from lacet.services.render.value_names import parameter_name
 from lacet.services.render.verdict_card import manoeuvre, verdict_card
 from lacet.services.workbench.packed_arrays import packed
 from lacet.services.workbench.refusals import NotThere
@@ -67,7 +68,7 @@ def study_payload(cache: SessionCache, busy: dict[str, Any] | None) -> dict[str,
 def ranking_payload(study: Study) -> dict[str, Any]:
     """The present version's `diagnosis` and verdict `card`; both None before it is ranked.
 
-    Each candidate also has the `unit` of its gain and the manoeuvre that it is `shown_by`.
+    Each candidate also has its `label` in words, the `unit` of its gain and the manoeuvre that it is `shown_by`.
     """
     found = study.diagnosis()
     if found is None:
@@ -76,6 +77,7 @@ def ranking_payload(study: Study) -> dict[str, Any]:
     candidates = [
         {
             **c,
+            "label": effect_label(c["effect"]),
             "unit": Row.parse(c["rows"][0]).unit if c["rows"] else "",
             "shown_by": manoeuvre(effects[c["effect"]]) if c["effect"] in effects else "",
         }
@@ -206,6 +208,7 @@ def parameters_payload(study: Study, number: int | None) -> dict[str, Any]:
             "parameters": [
                 {
                     **p,
+                    "label": parameter_name(p["name"], p["effect"])[0],
                     "unit": unit_text(p["unit"]),
                     "apriori": apriori[p["name"]].value if p["name"] in apriori else None,
                     "apriori_source": apriori[p["name"]].source if p["name"] in apriori else None,

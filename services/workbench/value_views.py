@@ -9,6 +9,7 @@ from typing import Any
 from lacet.daq.channels import CORNERS
 from lacet.daq.formats.result import plain
 from lacet.services.render.effect_text import effect_label
+from lacet.services.render.terms import TERMS
 from lacet.services.render.units import TRAVEL, TRAVEL_RATE, unit_text
 from lacet.services.render.value_names import derived_name, parameter_name
 from lacet.services.workspace.study import Study
@@ -50,8 +51,13 @@ def _derived(found: Mapping[str, Any]) -> dict[str, Any]:
         "name": found["name"], "kind": found["name"].removesuffix(f".{place}"), "label": label, "symbol": symbol,
         "place": place if place in _PLACES else "car", "value": found["value"], "unit": unit_text(found["unit"]),
         "half95": found["half95"], "half95_sheet": found.get("half95_sheet"), "determined": found["identifiable"],
-        "none": found["identifiable"] and found["value"] == 0.0, "why": found["why"],
+        "none": found["identifiable"] and found["value"] == 0.0, "why": found["why"], "term": _term(found["name"]),
     }  # fmt: skip
+
+
+def _term(name: str) -> str | None:
+    """The term that explains a derived value; None where there is none."""
+    return next((part for part in (name, name.rpartition(".")[0]) if part in TERMS), None)
 
 
 def _named(found: Mapping[str, Any]) -> dict[str, Any]:

@@ -98,6 +98,8 @@ def test_the_ranking_is_kept_and_shown(shared: Page):
     assert {c["effect"] for c in found["candidates"]} == {"anti_roll_bar.front", "anti_roll_bar.rear", "coulomb.rear"}
     on_disk = json.loads((shared.folder / "diagnoses" / "001.json").read_text(encoding="utf-8"))
     units = [candidate.pop("unit") for candidate in found["candidates"]]
+    labels = {candidate["effect"]: candidate.pop("label") for candidate in found["candidates"]}
+    assert labels["coulomb.rear"] == "coulomb, rear"
     shown_by = {candidate.pop("shown_by") for candidate in found["candidates"]}
     assert shown_by == {"steering or one-sided bumps together with heave", "smooth driving"}
     assert units == [Row.parse(c["rows"][0]).unit if c["rows"] else "" for c in on_disk["candidates"]]

@@ -11,6 +11,7 @@ from typing import Any
 
 from lacet.daq.formats.log import LogReader
 from lacet.daq.formats.open_run import open_run
+from lacet.services.render.terms import TERMS
 from tests.services.workbench.browser.bench import opening, serving
 from tests.support.captures import SINUS, cut
 from tests.support.processes import Command, commands
@@ -61,6 +62,15 @@ def test_fit_marker_and_a_killed_fit(browser: Any, tmp_path: Path) -> None:
             "async () => (await import('./js/charts/linked_axes.js')).link('live').marks.map((m) => m.label)"
         )
         assert marks == ["gravel"]
+        watch.expect(watch.at("live-marks")).to_contain_text("gravel at")
+        watch.expect(watch.at("live-sensors")).to_contain_text("imu: running")
+        ratios = [float(text) for text in watch.at("live-fit-rows").locator("td.num").all_inner_texts()]
+        assert ratios == sorted(ratios, reverse=True)
+        assert len(ratios) > 10
+        watch.expect(watch.at("live-chart-correvit.speed").locator("canvas").first).to_be_visible()
+        terms = watch.page.evaluate("[...document.querySelectorAll('.view .term')].map((e) => e.dataset.term)")
+        assert set(terms) == {"sensor_state", "marker", "enough", "error", "interval", "flagged", "losses"}
+        assert set(terms) <= set(TERMS)
         watch.picture("live-fit")
         assert replay.wait(60) == 0, replay.text()
         assert record.wait(60) == 0, record.text()

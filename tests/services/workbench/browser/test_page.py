@@ -19,6 +19,16 @@ _DRAWN = """() => [...document.querySelectorAll('.curves canvas')].map((c) => {
   return n;
 })"""
 """Pixels drawn of each curve of a report."""
+_CUT = """() => {
+  const boxes = [...document.querySelectorAll('.car, .runs-scroll, .car-place, .top-right')]
+    .filter((e) => e.checkVisibility());
+  const out = boxes.flatMap((box) => [...box.querySelectorAll('.chip, th, button, text, .car-key')].filter((e) => {
+    const [a, b] = [e.getBoundingClientRect(), box.getBoundingClientRect()];
+    return a.width && (a.bottom > b.bottom + 1 || a.right > b.right + 1);
+  }));
+  return out.map((e) => e.outerHTML.slice(0, 90));
+}"""
+"""What reaches beyond the picture or table that it is in."""
 _CONTRAST, _RING, _SMALL = (
     (Path(__file__).parent / f"{name}.js").read_text(encoding="utf-8") for name in ("contrast", "ring", "small")
 )
@@ -58,7 +68,7 @@ def _ratio(a: list[int], b: list[int]) -> float:
     return (high + 0.05) / (low + 0.05)
 
 
-@pytest.mark.parametrize(("width", "height"), [(1280, 720), (820, 1180)])
+@pytest.mark.parametrize(("width", "height"), [(1280, 720), (1024, 768), (820, 1180)])
 def test_nothing_moves_and_nothing_is_cut(opened: Opened, width: int, height: int) -> None:
     watch = opened(width, height)
     for view in VIEWS:
@@ -69,6 +79,7 @@ def test_nothing_moves_and_nothing_is_cut(opened: Opened, width: int, height: in
             "['html', '#main'].map((s) => document.querySelector(s)).map((e) => e.scrollWidth - e.clientWidth)"
         )
         assert max(wide) <= 1, (view, wide)
+        assert not watch.page.evaluate(_CUT), (view, watch.page.evaluate(_CUT))
         watch.picture(f"{width}-{view}")
 
 

@@ -1,6 +1,6 @@
 /** The car from above with what its axles do in roll: roll stiffness and load transfer as bars across them. */
 
-import { s } from "../widgets/dom.js";
+import { h, s } from "../widgets/dom.js";
 import { short } from "../widgets/format.js";
 
 const WIDE = 300;
@@ -14,7 +14,7 @@ const TRANSFER = [["load_transfer_elastic", "springs and bar", "part-2"], ["load
 /**
  * Draws the car.
  * @param {Map<string, object>} at "kind place" → derived value
- * @returns {SVGElement}
+ * @returns {HTMLElement}
  */
 export function drawing(at) {
   const get = (kind, place) => {
@@ -22,7 +22,7 @@ export function drawing(at) {
     return found?.determined ? found : null;
   };
   const gradient = get("roll_gradient", "car");
-  return s("svg", { class: "car-numbers", viewBox: `0 0 ${WIDE} ${TALL + 42}`, role: "img", "aria-label": about(get) },
+  return h("div", null, s("svg", { class: "car-numbers", viewBox: `0 0 ${WIDE} ${TALL}`, role: "img", "aria-label": about(get) },
     s("path", { class: "outline", d: `M90 60 Q90 14 150 12 Q210 14 210 60 L214 330 Q212 384 150 388 Q88 384 86 330 Z` }),
     s("path", { class: "glass", d: "M100 140 Q150 122 200 140 L192 172 Q150 162 108 172 Z M106 268 Q150 280 194 268 L198 290 Q150 304 102 290 Z" }),
     Object.entries(AXLES).flatMap(([axle, y]) => [
@@ -32,20 +32,13 @@ export function drawing(at) {
       ...bars("load transfer", TRANSFER, "load_transfer", axle, y + 34, get),
     ]),
     gradient ? s("text", { class: "middle", x: WIDE / 2, y: 216, "text-anchor": "middle", text: `rolls ${short(gradient.value, 3)} ${gradient.unit}` }) : null,
-    s("text", { class: "small", x: WIDE / 2, y: 34, "text-anchor": "middle", text: "front" }),
-    ...keys("stiffness: ", STIFFNESS, TALL + 16), ...keys("transfer: ", TRANSFER, TALL + 34));
+    s("text", { class: "small", x: WIDE / 2, y: 34, "text-anchor": "middle", text: "front" })),
+  keys("roll stiffness", STIFFNESS), keys("load transfer", TRANSFER));
 }
 
 /** What the colours of a bar's parts are. */
-function keys(title, parts, y) {
-  let x = 0;
-  const out = [s("text", { class: "key", x, y, text: title })];
-  x += 52;
-  for (const [, words, colour] of parts) {
-    out.push(s("rect", { x, y: y - 8, width: 9, height: 9, class: `part ${colour}` }), s("text", { class: "key", x: x + 13, y, text: words }));
-    x += 19 + 5.7 * words.length;
-  }
-  return out;
+function keys(title, parts) {
+  return h("p", { class: "car-key" }, `${title}: `, parts.map(([, words, colour]) => [h("span", null, h("i", { class: colour }), words), " "]));
 }
 
 /** A bar in parts, as long as its axle's value beside the larger of both axles; its number above it. */

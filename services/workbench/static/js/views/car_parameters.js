@@ -2,15 +2,17 @@
 
 import { h } from "../widgets/dom.js";
 import { minus, number, short } from "../widgets/format.js";
+import { term } from "../widgets/terms.js";
 
 /**
  * The table in its panel.
+ * @param {object} app
  * @param {{sheet: boolean, moved: boolean}} kept what is chosen: intervals with the sheet, only what differs
  * @returns {{element: HTMLElement, draw: (found: object) => void}} `found` : answer of /api/values
  */
-export function parameterTable(kept) {
+export function parameterTable(app, kept) {
   let found = null;
-  const filter = h("input", { type: "search", class: "filter", placeholder: "filter: spring, M6, front …", "aria-label": "filter the parameters",
+  const filter = h("input", { type: "search", class: "filter", placeholder: "filter", title: "by name, symbol or effect", "aria-label": "filter the parameters",
     "data-testid": "values-filter", oninput: () => draw() });
   const moved = h("input", { type: "checkbox", checked: kept.moved, "data-testid": "values-moved", onchange: () => {
     kept.moved = moved.checked;
@@ -32,8 +34,9 @@ export function parameterTable(kept) {
     count.textContent = `${list.length} of ${found.parameters.length}`;
     const head = ["Parameter", "Symbol", "Value", kept.sheet ? "± 95 %, with sheet" : "± 95 %, noise", "Unit", "A priori",
       ...(beside === null ? [] : [`Version ${beside}`, "Change"])];
+    const terms = { 3: "interval", 5: "apriori", 6: "version" };
     box.replaceChildren(h("table", { class: "value-table" },
-      h("thead", null, h("tr", null, head.map((t, k) => h("th", { scope: "col", class: [2, 3, 5, 6].includes(k) ? "num" : "", text: t })))),
+      h("thead", null, h("tr", null, head.map((t, k) => h("th", { scope: "col", class: [2, 3, 5, 6].includes(k) ? "num" : "" }, `${t} `, terms[k] ? term(app, terms[k]) : null)))),
       h("tbody", null, list.map((p) => line(p, beside)), beside === null || kept.moved ? null : found.gone.filter(fits).map((p) =>
         h("tr", { class: "muted" }, h("th", { scope: "row", text: p.label }), h("td", { class: "code", text: p.symbol }),
           h("td", { class: "num", colspan: 4, text: "not in this version" }), h("td", { class: "num", text: number(p.value, half(p)) }), h("td"))))));

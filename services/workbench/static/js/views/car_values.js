@@ -3,6 +3,7 @@
 import { xyPlot } from "../charts/xy_plot.js";
 import { h } from "../widgets/dom.js";
 import { number } from "../widgets/format.js";
+import { term } from "../widgets/terms.js";
 import { drawing } from "./car_drawing.js";
 import { arrow, differs, parameterTable } from "./car_parameters.js";
 
@@ -29,14 +30,15 @@ export function show(root, app) {
   const place = h("section", { class: "panel car-place", "data-testid": "car-drawing" });
   const axles = h("section", { class: "panel" });
   const dampers = h("section", { class: "panel" });
-  const parameters = parameterTable(kept);
+  const whole = h("section", { class: "panel" });
+  const parameters = parameterTable(app, kept);
   root.append(
     h("header", { class: "view-head" }, h("h1", { text: "The car in numbers" }),
       h("div", { class: "bar end" },
         h("label", { class: "check", title: "the intervals also count what the sensors' gains and latencies leave open" }, sheet,
-          "± with the sensor sheet"),
+          "± with the sensor sheet"), term(app, "interval"),
         h("label", { class: "check" }, "beside", against))),
-    place, h("div", { class: "car-below" }, axles, dampers), parameters.element);
+    place, h("div", { class: "car-below" }, axles, h("div", { class: "car-right" }, dampers, whole)), parameters.element);
   const plot = xyPlot(dampers, { title: "Damper force at the wheel", x: { label: "travel rate, compression positive", unit: "mm/s" },
     y: { label: "force", unit: "N" }, items: [], height: 300, testid: "dampers" });
 
@@ -73,10 +75,12 @@ export function show(root, app) {
     const at = new Map(found.derived.map((d) => [`${d.kind} ${d.place}`, d]));
     const value = (d, as) => valueOf(d, as, found.against, kept.sheet);
     place.replaceChildren(...(found.derived.length
-      ? [h("div", { class: "car-sides" }, ["fl", "rl"].map((c) => corner(c, at, value))), drawing(at),
+      ? [h("div", { class: "car-sides" }, ["fl", "rl"].map((c) => corner(c, at, value))), h("div", { class: "car-numbers-box" }, drawing(at), atCorners(app, found.derived)),
         h("div", { class: "car-sides" }, ["fr", "rr"].map((c) => corner(c, at, value)))]
       : [h("p", { class: "notice", text: "These runs give no derived values: the model has no body of its own." })]));
-    axles.replaceChildren(...axleTable(found.derived, value));
+    const [ofAxles, ofCar] = axleTables(app, found.derived, value);
+    axles.replaceChildren(h("h2", { text: "Axles" }), ofAxles);
+    whole.replaceChildren(h("h2", { text: "Body" }), ofCar);
     const curves = Object.entries(found.dampers);
     dampers.hidden = !curves.length;
     plot.update({ items: curves.flatMap(([c, d], k) => [
@@ -115,18 +119,24 @@ function corner(c, at, value) {
     h("dl", null, lines.map((d) => [h("dt", { title: d.symbol, text: d.label }), value(d, "dd")])));
 }
 
-/** Values of the axles in two columns, then those of the whole car. */
-function axleTable(derived, value) {
+/** What the values at the corners are. */
+function atCorners(app, derived) {
+  const terms = new Map(derived.filter((d) => d.place === "fl" && d.term).map((d) => [d.label, d.term]));
+  return terms.size ? h("p", { class: "car-key" }, [...terms].map(([label, key]) => [h("span", null, label, " ", term(app, key)), " "])) : null;
+}
+
+/** A table of the axles' values in two columns, and one of the whole car's. */
+function axleTables(app, derived, value) {
   const kinds = new Map();
   for (const d of derived) if (d.place === "front" || d.place === "rear") kinds.set(d.kind, { ...kinds.get(d.kind), [d.place]: d });
   const whole = derived.filter((d) => d.place === "car" || (d.place === "front" && !kinds.get(d.kind)?.rear));
-  const name = (d) => h("th", { scope: "row", title: d.symbol, class: d.label.startsWith("of it") ? "of-it" : "" }, d.label);
+  const name = (d) => h("th", { scope: "row", title: d.symbol, class: d.label.startsWith("of it") ? "of-it" : "" },
+    `${d.label} `, d.term ? term(app, d.term) : null);
   const both = [...kinds.values()].filter((pair) => pair.front && pair.rear);
   return [
-    h("h2", { text: "Axles and body" }),
     h("table", { class: "axle-table", "data-testid": "axle-table" },
       h("thead", null, h("tr", null, ["", "front", "rear"].map((t) => h("th", { scope: "col", text: t })))),
-      h("tbody", null, both.map(({ front, rear }) => h("tr", null, name(front), value(front, "td"), value(rear, "td"))),
-        whole.map((d) => h("tr", null, name(d), h("td", { colspan: 2 }, value(d, "div")))))),
+      h("tbody", null, both.map(({ front, rear }) => h("tr", null, name(front), value(front, "td"), value(rear, "td"))))),
+    h("table", { class: "axle-table", "data-testid": "body-table" }, h("tbody", null, whole.map((d) => h("tr", null, name(d), value(d, "td"))))),
   ];
 }

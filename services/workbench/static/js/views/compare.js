@@ -12,6 +12,7 @@ import { scoresOf, sourcesTable, strip, table, validation } from "./compare_scor
 import { rowStack } from "./compare_stack.js";
 import { xyPanel } from "./compare_xy.js";
 import { h } from "../widgets/dom.js";
+import { term } from "../widgets/terms.js";
 import { LAYOUT } from "../net/state.js";
 
 const SYNC = "compare";
@@ -70,7 +71,7 @@ class Compare {
     root.append(this.bar.element, this.overlays.chips,
       h("section", { class: "panel compare-head" }, this.heading, this.strip), this.rows, this.channels.element, this.cursors.element,
       this.xy.element, this.forces.element, h("section", { class: "panel all-scores" }, h("h2", null, "All rows of this run"), this.table),
-      h("section", { class: "panel all-scores" }, h("h2", null, "Where the rows come from"), this.sources));
+      h("section", { class: "panel all-scores" }, h("h2", null, "Where the rows come from", term(app, "source")), this.sources));
     this.veil = veil(this.rows);
     root.addEventListener("pointerdown", (event) => { this.pressed = event.clientX; }, true);
     root.addEventListener("click", (event) => this.clicked(event));
@@ -134,8 +135,8 @@ class Compare {
     if (!version || !state.run || !state.row) return; // a short address: the page is about to choose
     this.found = scoresOf(version, state.run);
     const [kind, why] = validation(this.found.used, state.run);
-    this.heading.replaceChildren(h("b", { text: kind }), `: ${why}.`);
-    this.strip.replaceChildren(strip(this.found.rows.find((s) => s.row === state.row)));
+    this.heading.replaceChildren(h("b", { text: kind }), " ", term(this.app, "validation"), ` ${why}.`);
+    this.strip.replaceChildren(strip(this.app, this.found.rows.find((s) => s.row === state.row)));
     this.table.replaceChildren(table({ rows: this.found.rows, chosen: state.row, beneath: new Set(this.layout.rows),
       onRow: (row) => this.app.set({ row }), onBeneath: (row, on) => this.beneath(row, on) }));
     this.sources.replaceChildren(sourcesTable(version.row_sources));

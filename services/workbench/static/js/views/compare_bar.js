@@ -17,8 +17,8 @@ export function compareBar(act, overlays) {
   const more = select("add a row beneath", "beneath-select", "+ row …", act.beneath);
   const channel = select("add a channel beneath", "channel-select", "+ channel …", act.channel);
   const step = (by, text, label) => h("button", { type: "button", class: "step", text, "aria-label": label, title: label, onclick: () => act.step(by) });
-  const formula = h("input", { type: "text", class: "formula", placeholder: "+ formula: travel_fl − travel_fr", "aria-label": "add a formula in the states beneath",
-    title: "states as in an own effect, wheels by name: travel_fl, rate_rr, ay, speed, lag(ay, 0.1 s)", "data-testid": "formula",
+  const formula = h("input", { type: "text", class: "formula", placeholder: "+ formula …", "aria-label": "add a formula in the states beneath",
+    title: "for instance travel_fl - travel_fr: states as in an own effect, wheels by name: travel_fl, rate_rr, ay, speed, lag(ay, 0.1 s)", "data-testid": "formula",
     onkeydown: (e) => {
       if (e.key !== "Enter" || !formula.value.trim()) return;
       act.formula(formula.value.trim().replaceAll("−", "-").replaceAll(";", ""));

@@ -2,6 +2,7 @@
 
 import { h } from "../widgets/dom.js";
 import { minus, short, times } from "../widgets/format.js";
+import { term } from "../widgets/terms.js";
 
 /**
  * A run's scores, by row.
@@ -33,21 +34,22 @@ export function judged(score) {
 
 /**
  * The chosen row's scores in one strip.
+ * @param {object} app
  * @param {object|undefined} score
  * @returns {HTMLElement}
  */
-export function strip(score) {
-  const cell = (label, value, more = "") => h("div", { class: `score ${more}` }, h("dt", { text: label }), h("dd", { text: value }));
+export function strip(app, score) {
+  const cell = (label, value, more = "", key = "") => h("div", { class: `score ${more}` }, h("dt", null, `${label} `, key ? term(app, key) : null), h("dd", { text: value }));
   if (!score) return h("dl", { class: "scores" }, cell("error", "–"), cell("row", "not in this run"));
   const bad = score.fails;
   return h("dl", { class: "scores", "data-testid": "scores" },
     cell("error, RMS", `${short(score.rms)} ${score.unit}`),
-    cell("noise floor, RMS", `${short(score.floor)} ${score.unit}`),
+    cell("noise floor, RMS", `${short(score.floor)} ${score.unit}`, "", "floor"),
     cell("error ÷ floor, this run", times(score.ratio), bad ? "fails" : ""),
-    cell("variance explained", score.noise_alone ? "–" : `${percent(score.vaf)} %`),
-    cell("error ÷ span", `${short(score.nrmse, 2)} %`),
-    cell("the residual is", score.colour || "–", "wide"),
-    cell("verdict", judged(score), `wide${bad ? " fails" : ""}`));
+    cell("variance explained", score.noise_alone ? "–" : `${percent(score.vaf)} %`, "", "vaf"),
+    cell("error ÷ span", `${short(score.nrmse, 2)} %`, "", "span"),
+    cell("the residual is", score.colour || "–", "wide", "colour"),
+    cell("verdict", judged(score), `wide${bad ? " fails" : ""}`, "judged"));
 }
 
 /**
@@ -57,7 +59,7 @@ export function strip(score) {
  * @returns {HTMLElement}
  */
 export function table({ rows, chosen, beneath, onRow, onBeneath }) {
-  const head = ["row", "unit", "error", "floor", "error ÷ floor, this run", "VAF [%]", "residual", "verdict", "beneath"];
+  const head = ["row", "unit", "error", "floor", "error ÷ floor, this run", "VAF [%]", "residual", "verdict", "show"];
   return h("table", { class: "score-table" },
     h("thead", null, h("tr", null, head.map((t, k) => h("th", { scope: "col", class: k > 1 && k < 6 ? "num" : "", text: t })))),
     h("tbody", null, rows.map((score) => h("tr", { "aria-selected": String(score.row === chosen), data: { row: score.row } },
@@ -80,10 +82,12 @@ export function table({ rows, chosen, beneath, onRow, onBeneath }) {
  */
 export function sourcesTable(sources) {
   if (!sources?.lines.length) return h("p", { class: "muted", text: "Versions made from now on show it." });
+  const filled = sources.head.map((_, k) => sources.lines.some((line) => line[k]));
+  const shown = (line) => line.filter((_, k) => filled[k]);
   return h("table", { class: "score-table" },
-    h("thead", null, h("tr", null, sources.head.map((text) => h("th", { scope: "col", text })))),
-    h("tbody", null, sources.lines.map(([rows, ...cells]) => h("tr", null,
-      h("th", { scope: "row", text: rows }), cells.map((text) => h("td", { class: "why", text }))))));
+    h("thead", null, h("tr", null, shown(sources.head).map((text) => h("th", { scope: "col", text })))),
+    h("tbody", null, sources.lines.map(shown).map(([rows, ...cells]) => h("tr", null,
+      h("th", { scope: "row", text: rows }), cells.map((text) => h("td", { class: "why", text: text || "–" }))))));
 }
 
 function percent(value) {

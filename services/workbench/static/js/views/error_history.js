@@ -21,7 +21,8 @@ export async function show(root, app) {
   const heads = h("tr");
   const filter = h("input", {
     type: "search",
-    placeholder: "filter by name, effect or unit",
+    placeholder: "filter",
+    title: "by name, effect or unit",
     "aria-label": "filter the parameters",
     class: "filter",
     "data-testid": "parameter-filter",
@@ -240,7 +241,7 @@ export async function show(root, app) {
     );
     const words = filter.value.trim().toLowerCase().split(/\s+/).filter(Boolean);
     const fits = (p) =>
-      words.every((w) => `${p.name} ${p.effect} ${p.unit} ${p.group ?? ""}`.toLowerCase().includes(w));
+      words.every((w) => `${p.label ?? ""} ${p.name} ${p.effect} ${p.unit} ${p.group ?? ""}`.toLowerCase().includes(w));
     const list = (found?.parameters ?? []).filter(fits);
     root.querySelector(".panel .count").textContent = found ? `${list.length} of ${found.parameters.length}` : "";
     body.replaceChildren(
@@ -248,20 +249,20 @@ export async function show(root, app) {
         h(
           "tr",
           { "data-testid": `parameter-${p.name}` },
-          h("th", {
-            scope: "row",
-            class: "code",
-            text: p.name,
-            title: p.group && p.group !== p.name ? `stands for ${p.group}` : null,
-          }),
+          h(
+            "th",
+            { scope: "row", title: p.group && p.group !== p.name ? `stands for ${p.group}` : null },
+            `${p.label} `,
+            h("span", { class: "muted code", text: p.name }),
+          ),
           h("td", { class: "muted of-effect", text: p.effect }),
-          h("td", { class: "num strong", text: number(p.value, p.half95) }),
+          h("td", { class: "num strong", text: number(p.value, half(p)) }),
           h("td", { class: "num", text: `± ${number(half(p), half(p))}` }),
           h("td", { text: p.unit || "–" }),
           h("td", {
             class: "num muted",
             title: p.apriori_source || null,
-            text: p.apriori === null || p.apriori === undefined ? "–" : number(p.apriori, p.half95),
+            text: p.apriori === null || p.apriori === undefined ? "–" : number(p.apriori, half(p)),
           }),
           back.map((n) =>
             change(

@@ -1,6 +1,7 @@
 /** Live: the channels of a car that is recording now, and how well each arrives. */
 
 import { h } from "../widgets/dom.js";
+import { term } from "../widgets/terms.js";
 import { short } from "../widgets/format.js";
 import { link } from "../charts/linked_axes.js";
 import { timeChart } from "../charts/time_chart.js";
@@ -8,8 +9,9 @@ import { liveFit } from "./live_fit.js";
 
 const LATE = 1.0; // a channel that has not been heard for so long is late [s]
 const SYNC = "live";
-const FIRST = 2; // channels shown as curves until others are chosen
+const FIRST = ["correvit.speed", "imu.accel"]; // channels shown as curves until others are chosen
 const kept = { chosen: null };
+const TERMS = { Flagged: "flagged", Losses: "losses" };
 const SLOW = 0.9; // part of its expected rate below which a channel is slow
 
 /**
@@ -27,10 +29,12 @@ export async function show(root, app) {
     "form",
     { class: "bar", hidden: true },
     h("label", { for: "live-mark", text: "Marker" }),
+    term(app, "marker"),
     text,
     h("button", { type: "submit", text: "Mark now" }),
   );
   const marked = h("p", { class: "muted", role: "status" });
+  const marks = h("p", { class: "live-marks", hidden: true, "data-testid": "live-marks" });
   marking.addEventListener("submit", async (event) => {
     event.preventDefault();
     try {
@@ -42,10 +46,12 @@ export async function show(root, app) {
     }
   });
   const wanted = h("input", { type: "checkbox", id: "live-ill" });
-  const sensors = h("ul", { class: "sensor-states", hidden: true, "data-testid": "live-sensors" });
+  const sensors = h("ul", { class: "sensor-states", "data-testid": "live-sensors" });
+  const states = h("div", { class: "sensor-bar", hidden: true }, h("span", null, "Sensors ", term(app, "sensor_state")), sensors);
   const curves = h("section", { class: "panel live-curves", hidden: true, "data-testid": "live-curves" });
   const charts = new Map();
   const fit = liveFit(app);
+  let listed = null;
   let begun = false;
   let asking = false;
   let closed = false;
@@ -59,12 +65,12 @@ export async function show(root, app) {
         text: "What the car sends while it is recording: is every channel there, at its rate, without flags?",
       }),
     ),
-    h("section", { class: "panel" }, head, sum, sensors, marking, marked),
+    h("section", { class: "panel" }, head, sum, states, marking, marked, marks),
     fit.element,
     curves,
-    h(
+    (listed = h(
       "section",
-      { class: "panel flush" },
+      { class: "panel flush", hidden: true },
       h(
         "div",
         { class: "bar inset" },
@@ -87,14 +93,14 @@ export async function show(root, app) {
               h("th", { scope: "col", text: "Unit" }),
               h("th", { scope: "col", text: "State" }),
               ["Rate", "Expected", "Last heard", "Flagged", "Losses"].map((text) =>
-                h("th", { scope: "col", class: "num", text }),
+                h("th", { scope: "col", class: "num" }, `${text} `, TERMS[text] ? term(app, TERMS[text]) : null),
               ),
             ),
           ),
           body,
         ),
       ),
-    ),
+    )),
   );
   let last = null;
 
@@ -118,16 +124,21 @@ export async function show(root, app) {
       const ill = channels.filter((c) => verdict(c, recording).kind !== "good").length;
       sum.textContent = `${live.endpoint ?? ""}: ${channels.length} channels, ${ill ? `${ill} with something wrong` : "all as they should be"}.${lost(live.losses)}${live.down?.length ? ` Not heard at all: ${live.down.join(", ")}.` : ""}`;
     }
+    listed.hidden = !channels.length;
     drawSensors(live.sensors ?? []);
-    link(SYNC).setMarks((live.marks ?? []).map(({ seconds, text: label }) => ({ t: seconds, label })));
+    const set = live.marks ?? [];
+    link(SYNC).setMarks(set.map(({ seconds, text: label }) => ({ t: seconds, label })));
+    marks.hidden = !set.length;
+    marks.textContent = `Markers: ${set.map((one) => `${one.text} at ${one.seconds.toFixed(1)} s`).join(", ")}.`;
     if (live.connected && live.run && !begun) {
       begun = true;
       fit.element.hidden = false;
       void fit.begin();
     }
     if (!kept.chosen) {
-      const heard = channels.filter((c) => c.samples).slice(0, FIRST).map((c) => c.name);
-      if (heard.length) kept.chosen = new Set(heard);
+      const heard = channels.filter((c) => c.samples).map((c) => c.name);
+      const there = FIRST.filter((name) => channels.some((c) => c.name === name));
+      if (heard.length) kept.chosen = new Set(there.length ? there : heard.slice(0, FIRST.length));
     }
     void drawCurves();
     const shown = channels.filter((c) => !wanted.checked || verdict(c, recording).kind !== "good");
@@ -185,11 +196,11 @@ export async function show(root, app) {
 
   /** What the recorder says of each sensor. */
   function drawSensors(list) {
-    sensors.hidden = !list.length;
+    states.hidden = !list.length;
     sensors.replaceChildren(...list.map(({ name, state, detail }) => {
       const good = state === "running";
-      return h("li", { class: good ? "good" : state === "waiting" ? "muted" : "bad", title: detail || null },
-        h("span", { "aria-hidden": "true", text: good ? "✓ " : state === "waiting" ? "… " : "✕ " }), `${name}: ${state}`);
+      return h("li", { class: good ? "good" : state === "waiting" ? "muted" : "bad" },
+        h("span", { "aria-hidden": "true", text: good ? "✓ " : state === "waiting" ? "… " : "✕ " }), `${name}: ${state}${detail ? ` (${detail})` : ""}`);
     }));
   }
 

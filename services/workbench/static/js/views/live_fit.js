@@ -18,7 +18,8 @@ export function liveFit(app) {
   const line = h("p", { role: "status", class: "live-sum", data: { testid: "live-fit-line" } });
   const rows = h("tbody", { data: { testid: "live-fit-rows" } });
   const parameters = h("tbody", { data: { testid: "live-fit-parameters" } });
-  const open = h("p", { class: "muted sub", hidden: true });
+  const open = h("details", { class: "muted sub", hidden: true });
+  const of = h("p", { class: "muted sub" });
   const tables = h(
     "div",
     { class: "live-fit-tables", hidden: true },
@@ -30,6 +31,7 @@ export function liveFit(app) {
     { class: "panel live-fit", hidden: true, data: { testid: "live-fit" } },
     h("div", { class: "bar" }, h("h2", null, "Is it enough? ", term(app, "enough")), h("label", { for: "live-target", text: "Enough is ±" }), target, h("span", { text: "% of the value" })),
     line,
+    of,
     tables,
     open,
   );
@@ -54,10 +56,12 @@ export function liveFit(app) {
 
   function update({ state, note }) {
     line.textContent = note || state?.line || "";
+    of.textContent = model();
     tables.hidden = !state?.rows.length;
     open.hidden = !state?.not_identifiable.length;
     if (tables.hidden) return;
-    rows.replaceChildren(...state.rows.map((one) => h("tr", null,
+    const worst = [...state.rows].sort((a, b) => b.ratio - a.ratio);
+    rows.replaceChildren(...worst.map((one) => h("tr", null,
       h("th", { scope: "row", class: "code", text: one.row }),
       h("td", { class: "num", text: times(one.ratio) }),
       h("td", { class: one.fails ? "bad" : "good" }, h("span", { "aria-hidden": "true", text: one.fails ? "✕ " : "✓ " }), one.fails ? "fails" : "fits"))));
@@ -71,7 +75,18 @@ export function liveFit(app) {
         h("td", { text: one.unit }),
         h("td", { class: "num", text: one.relative > 1 ? "> 100 %" : percent(one.relative) }));
     }));
-    open.textContent = `Not identifiable so far: ${state.not_identifiable.map((one) => one.name).join(", ")}.`;
+    const many = state.not_identifiable.length;
+    if (open.dataset.many === String(many)) return; // it stays open as it is
+    open.dataset.many = many;
+    open.replaceChildren(h("summary", { text: `${many} not identifiable so far` }), state.not_identifiable.map((one) => one.name).join(", "));
+  }
+
+  /** Which model is fitted to what: the numbers beside the car are of other runs. */
+  function model() {
+    const { study, version } = app.state;
+    return study?.exists
+      ? `The model of version ${version}, fitted to this recording alone. The numbers beside the car are those of the study's runs.`
+      : "The base model, fitted to this recording.";
   }
 
   return { element, begin, update };

@@ -39,7 +39,7 @@ export function createPreview(app, about, previews) {
       return;
     }
     const record = about.effects.get(candidate.effect);
-    title.textContent = `With ${candidate.effect}`;
+    title.textContent = `With ${candidate.label}`;
     why.replaceChildren(
       h("p", { text: candidate.why }),
       record
@@ -95,8 +95,9 @@ export function createPreview(app, about, previews) {
       { name: "with it", values: arrays.after, colour: colours.modelled, width: 1.3 },
     ];
     const { unit } = meta;
-    if (chart) chart.update({ t: arrays.t, series, unit });
-    else chart = library.timeChart(figure, { t: arrays.t, series, unit, height: HEIGHT });
+    const picture = { t: arrays.t, series, unit, title: meta.row };
+    if (chart) chart.update(picture);
+    else chart = library.timeChart(figure, { ...picture, height: HEIGHT });
   }
 
   words();

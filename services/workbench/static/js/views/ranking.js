@@ -24,7 +24,8 @@ export function createRanking(app, about, act) {
   const body = h("tbody");
   const filter = h("input", {
     type: "search",
-    placeholder: "filter by name or row",
+    placeholder: "filter",
+    title: "by name or row",
     "aria-label": "filter the effects",
     class: "filter",
   });
@@ -43,8 +44,7 @@ export function createRanking(app, about, act) {
       "estimate with half of its 95 % interval and the sign physics expects; ties: what cannot be told apart from it on these runs",
     ],
     ["Answer", "", "", "answer"],
-    ["Gain", "num", "RMS it takes away in its rows, in parts of the runs it was not fitted to", "gain"],
-    ["Gain %", "num", "part of its rows' weighted residual it takes away"],
+    ["Gain", "num", "RMS it takes away in its rows, in parts of the runs it was not fitted to, and the part of their weighted residual", "gain"],
     ["p", "num", "family-wise probability of such a fall by chance", "p"],
     ["Blocks", "num", "coverage: number of 2 s blocks it acts in", "blocks"],
     ["", ""],
@@ -93,7 +93,7 @@ export function createRanking(app, about, act) {
     return (diagnosis?.candidates ?? []).filter(
       (c) =>
         (which.value === "all answers" || c.answer === which.value) &&
-        (!text || c.effect.toLowerCase().includes(text) || c.rows.some((r) => r.includes(text))),
+        (!text || `${c.effect} ${c.label}`.toLowerCase().includes(text) || c.rows.some((r) => r.includes(text))),
     );
   };
 
@@ -110,14 +110,14 @@ export function createRanking(app, about, act) {
           "tr",
           null,
           h("td", {
-            colspan: 7,
+            colspan: 6,
             class: "empty",
             text: "Every effect of the catalogue is listed here, with its answer, once you have looked for what is missing.",
           }),
         ),
       );
     else if (!few.length)
-      body.append(h("tr", null, h("td", { colspan: 7, class: "empty", text: "No effect fits this filter." })));
+      body.append(h("tr", null, h("td", { colspan: 6, class: "empty", text: "No effect fits this filter." })));
   }
 
   function line(c) {
@@ -130,7 +130,7 @@ export function createRanking(app, about, act) {
         "data-testid": `candidate-${c.effect}`,
         tabindex: "0",
         class: chosen === c.effect ? "chosen" : "",
-        "aria-label": `${c.effect}: ${c.answer}. ${c.why}`,
+        "aria-label": `${c.label}: ${c.answer}. ${c.why}`,
         onfocus: point,
         onclick: point,
         onkeydown: (e) => {
@@ -153,9 +153,9 @@ export function createRanking(app, about, act) {
       },
       h(
         "th",
-        { scope: "row", class: "code" },
-        c.effect,
-        h("div", { class: "more", text: estimates(c).join(", ") }),
+        { scope: "row" },
+        c.label,
+        h("div", { class: "more" }, h("span", { class: "code", text: c.effect }), h("span", { text: estimates(c).join(", ") })),
         c.ties?.length
           ? h("div", {
               class: "more",
@@ -164,8 +164,7 @@ export function createRanking(app, about, act) {
           : null,
       ),
       h("td", { class: answer.kind }, h("span", { "aria-hidden": "true", text: `${answer.mark} ` }), c.answer),
-      h("td", { class: "num", text: tested ? `${short(c.gain_rms)} ${c.unit}` : "–" }),
-      h("td", { class: "num", text: tested ? percent(c.gain) : "–" }),
+      h("td", { class: "num" }, tested ? `${short(c.gain_rms)} ${c.unit}` : "–", tested ? h("div", { class: "more", text: percent(c.gain) }) : null),
       h("td", { class: "num", text: tested && Number.isFinite(c.p) ? short(c.p, 2) : "–" }),
       h("td", { class: "num", text: Number.isFinite(c.coverage) ? short(c.coverage, 2) : "–" }),
       h(
@@ -177,7 +176,7 @@ export function createRanking(app, about, act) {
           "data-testid": `add-${c.effect}`,
           disabled: !ready,
           text: "Add",
-          "aria-label": `Add ${c.effect}`,
+          "aria-label": `Add ${c.label}`,
           onclick: (e) => {
             e.stopPropagation();
             act.add(c);

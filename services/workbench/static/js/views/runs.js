@@ -67,7 +67,7 @@ export async function show(root, app) {
         "tr",
         null,
         ["Run", "Used for the fit", "Manoeuvre", "Length", "Size", "Channels", "Quality", "Losses"].map((text, k) =>
-          h("th", { scope: "col", class: k > 2 && k < 6 ? "num" : "", text }),
+          h("th", { scope: "col", class: `${k > 2 && k < 6 ? "num" : ""}${k === 2 || k === 4 ? " if-wide" : ""}`, text }),
         ),
       ),
     ),
@@ -171,9 +171,9 @@ export async function show(root, app) {
           fileActions(app, run, { replace: (file, as) => void take([file], as), done: () => void read() })),
       ),
       h("td", null, radios),
-      h("td", { text: run.manoeuvre || (waits ? "" : "–") }, waits ? h("i", { class: "skeleton" }) : null),
+      h("td", { class: "if-wide", text: run.manoeuvre || (waits ? "" : "–") }, waits ? h("i", { class: "skeleton" }) : null),
       h("td", { class: "num", text: waits ? "" : duration(run.seconds) }, waits ? h("i", { class: "skeleton" }) : null),
-      h("td", { class: "num", text: size(run.bytes) }),
+      h("td", { class: "num if-wide", text: size(run.bytes) }),
       h(
         "td",
         { class: "num" },

@@ -75,7 +75,7 @@ export function createCar(root, app) {
     const group = s(
       "g",
       {
-        class: `chip level${lv}${chosen ? " chosen" : ""}`,
+        class: `chip level${lv}${chosen ? " chosen" : ""}${tall > 24 ? " upright" : ""}`,
         role: "button",
         tabindex: "0",
         "data-testid": `car-${row}`,
@@ -111,7 +111,8 @@ export function createCar(root, app) {
 
   function corner(c, at, rows) {
     const { x, y } = at.corners[c];
-    const own = ["suspension", "tyre", "spin", "corner"].map((kind) => `${kind}.${c}`);
+    // rows of whole corners are there only where a rig has no wheel loads
+    const own = ["suspension", "tyre", "spin", "corner"].map((kind) => `${kind}.${c}`).filter((r) => rows.has(r) || !r.startsWith("corner"));
     const worst = own
       .map((r) => rows.get(r))
       .filter(Boolean)
@@ -123,7 +124,7 @@ export function createCar(root, app) {
       s("line", { class: "arm", x1: x, y1: y, x2: left ? at.body.x : at.body.x + at.body.w, y2: y }),
       s("rect", { class: `wheel level${worst?.level ?? -1}`, x: x - 7, y: y - 22, width: 14, height: 44, rx: 4 }),
     ];
-    const first = y - 33;
+    const first = Math.min(y - 33, HEIGHT - 1 - 23 * own.length);
     own.forEach((row, k) => {
       out.push(chip(row, cx, first + 23 * k, w, 21, rows));
     });
