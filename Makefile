@@ -19,7 +19,7 @@ endif
 # would spend seconds on compiling NumPy, SciPy and lacet anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help demo test lint format lock schema test-slow fuzz test-vcan benchmark first-work captures seeds coverage fewer no-loads blind fresh second-car laws campaign catalogue pictures reference docs notebook clean moved
+.PHONY: help demo test lint format lock schema test-slow fuzz test-vcan benchmark first-work captures seeds coverage fewer no-loads blind fresh second-car second-car-seeds laws campaign catalogue pictures reference docs notebook clean moved
 
 help:
 	@echo 'make demo          the whole chain on committed captures, in 3 minutes (5 with the packages)'
@@ -38,6 +38,7 @@ help:
 	@echo 'make fewer         the table of docs/benchmarks/fewer-instruments.md anew: rigs that measure less, assumptions wrong on purpose (hours; goes on where it was cut off)'
 	@echo 'make blind         docs/benchmarks/blind.md anew: effects hidden and found, or not (hours; goes on where it was cut off)   (PROCESSES=4: four at a time, 3 GB each)'
 	@echo 'make fresh         docs/benchmarks/fresh.md anew: fresh cars with up to eight effects at once (a day; goes on where it was cut off)   (ARGS="--set test")'
+	@echo 'make second-car-seeds  docs/benchmarks/second-car-seeds.md anew: the paper on the car on linkages, 20 seeds (hours; goes on where it was cut off)'
 	@echo 'make second-car    the tables of docs/benchmarks/second-car.md anew: fits of the car on linkages (20 minutes; ARGS="--only terms")'
 	@echo 'make laws          docs/benchmarks/laws.md anew: laws nobody listed, hidden and found (half an hour)   (ARGS="--set test")'
 	@echo 'make campaign      docs/benchmarks/campaign.md anew: 1, 10, 100 and 1,000 runs on two workers (half an hour)'
@@ -82,7 +83,7 @@ test-vcan: .venv/.dev
 
 # -P: benchmarks/coverage.py is not the package of that name, which Numba looks for.
 benchmark: .venv/.dev
-	@for file in $(filter-out %_seeds.py %/coverage.py %/campaign.py %/forces.py %/second_car.py %/fewer_instruments.py %/no_wheel_loads.py,$(wildcard benchmarks/*.py)); do echo "== $$file"; $(PY) -P "$$file" || exit 1; done
+	@for file in $(filter-out %_seeds.py %/coverage.py %/campaign.py %/forces.py %/second_car.py %/second_car_seeds.py %/fewer_instruments.py %/no_wheel_loads.py,$(wildcard benchmarks/*.py)); do echo "== $$file"; $(PY) -P "$$file" || exit 1; done
 	@$(PY) -m benchmarks.workbench_draw
 
 first-work: .venv/.dev
@@ -90,6 +91,9 @@ first-work: .venv/.dev
 
 captures: .venv/.dev
 	@sh replay_logs/make.sh
+
+second-car-seeds: .venv/.dev
+	@$(PY) -P benchmarks/second_car_seeds.py $(ARGS)
 
 seeds: .venv/.dev
 	@$(PY) benchmarks/null_seeds.py

@@ -41,7 +41,7 @@ from lacet.identify.selection.joint.refits import (
 from lacet.identify.selection.joint.shape_constants import refined
 from lacet.identify.selection.joint.starts import starts
 from lacet.identify.selection.joint.subset_search import strength
-from lacet.identify.selection.joint.wrong_tables import confounded_with
+from lacet.identify.selection.joint.wrong_tables import axles_without_tables, confounded_with
 from lacet.identify.selection.laws.described import Described, described
 from lacet.identify.selection.laws.encompassing import only_encompassing
 from lacet.identify.selection.laws.formulas import Formula, propose
@@ -107,6 +107,7 @@ class Diagnosis:
     effects : key → effect of every candidate that can be computed.
     formulas : laws that part of an unlisted rest follows, best first; `described` those that were in the fit which the
         sizes of the effects found are of.
+    without_tables : axles without bench tables whose wheels, by the effects found, move or turn with the travel.
     after : the diagnosis of the model with all effects found; None where nothing is found, or it was not made.
     """
 
@@ -127,6 +128,7 @@ class Diagnosis:
     effects: Mapping[str, Effect] = field(repr=False)
     formulas: tuple[Formula, ...] = ()
     described: tuple[str, ...] = ()
+    without_tables: tuple[str, ...] = ()
     after: Diagnosis | None = field(default=None, repr=False)
 
     @property
@@ -350,7 +352,7 @@ def _concluded(
         verdict, tuple(found), tuple(unlisted), rest.small if judged_rest else (),
         _maybe(joint, found, unlisted, candidates), answered(joint, found, tied), runs.row_ratios(floor), excess,
         explained, floor.count, first.noise_ratio, now.above, first.noise, grounds, first.effects, tuple(formulas),
-        known.laws if known else (),
+        known.laws if known else (), axles_without_tables((first.effects[c.key] for c in found), runs.vehicle),
     )  # fmt: skip
     if not found or not judged_rest or not_constant or tied:
         return diagnosis

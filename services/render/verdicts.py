@@ -27,7 +27,7 @@ def says(d: Diagnosis) -> str:
     """The verdict of a diagnosis in plain sentences with numbers."""
     if d.found:
         text = _missing(d) if len(d.found) == 1 else _several(d)
-        return f"{text}{_remaining(d)}{_in_part(d)}{_small(d)}{_maybe(d)}"
+        return f"{text}{_without_tables(d)}{_remaining(d)}{_in_part(d)}{_small(d)}{_maybe(d)}"
     return f"{_unlisted(d)}{_in_part(d)}{_maybe(d)}" if d.unlisted else _nothing(d)
 
 
@@ -282,6 +282,17 @@ def _remaining(d: Diagnosis) -> str:
             f"is not listed moves them."
         )
     return out
+
+
+def _without_tables(d: Diagnosis) -> str:
+    """What the lack of bench tables means for the names, where wheels are found to move or turn with the travel."""
+    if not d.without_tables:
+        return ""
+    axles = " and ".join(f"{axle} axle" for axle in d.without_tables)
+    return (
+        f" The vehicle file has no bench table of the {axles}, so that wheels count as moving straight up; these runs "
+        f"show that they do not. What a slope alone leaves of that can be in the other names and sizes: give a table."
+    )
 
 
 def _in_part(d: Diagnosis) -> str:

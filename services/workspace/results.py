@@ -181,6 +181,7 @@ def diagnosis_result(d: Diagnosis) -> dict[str, Any]:
             "failing": list(d.failing),
             "formulas": [asdict(formula) for formula in d.formulas],
             "described": list(d.described),
+            "without_tables": list(d.without_tables),
         }
     )
 

@@ -14,7 +14,7 @@ from lacet.identify.effects.base import AXLES, Parameter, PhysicalEffect
 from lacet.identify.multibody.vectors import Array, cross
 
 
-class _CentreSlope(PhysicalEffect):
+class CentreSlope(PhysicalEffect):
     """Wheel centres of an axle move by p s along `direction` more than the table says.
 
     The force along it then does work on the travel that the suspension row lacks, and acts at another place than the
@@ -48,7 +48,7 @@ class _CentreSlope(PhysicalEffect):
         return out | {row: column for row, column in chassis.items() if row in self.rows}
 
 
-class AntiDive(_CentreSlope):
+class AntiDive(CentreSlope):
     """The wheel centres of an axle move forward by p s more than the bench table says (anti-dive, anti-squat).
 
     Brakes and engines that react on the carrier or the body work through the table's pitch slope; its error, where only
@@ -68,7 +68,7 @@ class AntiDive(_CentreSlope):
         return np.array([[1.0], [0.0], [0.0]])
 
 
-class Jacking(_CentreSlope):
+class Jacking(CentreSlope):
     """The wheel centres of an axle move outward by p s more than the bench table says.
 
     A contact force at the radius R below the wheel centre has the moment R F about x, so that a camber slope error of

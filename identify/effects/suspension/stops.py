@@ -11,9 +11,9 @@ from lacet.identify.multibody.vectors import Array
 
 PRESSED = 0.01
 """Compression of a stop at which k is its secant stiffness [m]."""
-SOFTEST = 1000.0
-"""Least stiffness of a stop at the wheel [N/m]: 10 N of force 10 mm beyond the gap. What is less is a spring whose rate
-changes with travel. Source: a choice; foam stops have 5 to 50 N/mm at the damper."""
+SOFTEST = 2000.0
+"""Least stiffness of a stop at the wheel [N/m]: 20 N of force 10 mm beyond the gap. What is less is a spring whose rate
+changes with travel. Source: a choice; foam stops have 5 to 50 N/mm at the damper, whose motion ratio is 0.6 to 1."""
 
 
 class _Stop(SuspensionForce):

@@ -12,7 +12,7 @@ from lacet.identify.effects.base import AXLES, Parameter, PhysicalEffect
 from lacet.identify.multibody.vectors import Array, dot, turn, unit
 
 
-class _WheelTurn(PhysicalEffect):
+class WheelTurn(PhysicalEffect):
     """Both wheels of an axle turn about an axis by p s more than the table says, mirrored left and right.
 
     The angles themselves are measured; what the slope is needed for is the work of the wheel's moment on the travel.
@@ -45,7 +45,7 @@ class _WheelTurn(PhysicalEffect):
         return out
 
 
-class CamberChange(_WheelTurn):
+class CamberChange(WheelTurn):
     """Camber changes with travel more than the table says: top outward by p s.
 
     A contact force F at the radius R below the wheel centre has the moment R F about this axis, so that a half-track
@@ -64,7 +64,7 @@ class CamberChange(_WheelTurn):
         return turn(2, corner.steer, unit(0))
 
 
-class ToeChange(_WheelTurn):
+class ToeChange(WheelTurn):
     """Toe changes with travel more than the table says (bump steer): toe-in by p s."""
 
     name = "toe_change"

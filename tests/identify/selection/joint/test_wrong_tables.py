@@ -13,10 +13,13 @@ from lacet.daq.vehicle import Corner, Vehicle
 from lacet.identify.car.sources.completion import completed
 from lacet.identify.effects.suspension.anti_roll_bar import AntiRollBar
 from lacet.identify.effects.suspension.bench_table import CamberTable, ToeTable
+from lacet.identify.effects.suspension.centre_slopes import Jacking
+from lacet.identify.effects.suspension.wheel_turn import CamberChange
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
+from lacet.identify.selection.candidate import Confounded
 from lacet.identify.selection.columns.linearisation import Linearisation
-from lacet.identify.selection.joint.wrong_tables import Confounded, confounded_with
+from lacet.identify.selection.joint.wrong_tables import axles_without_tables, confounded_with
 from lacet.identify.selection.rest import added_laws
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
@@ -105,3 +108,11 @@ def test_a_bar_in_turns_alone_is_confounded_with_a_table() -> None:
 
 def test_travel_of_its_own_makes_a_bar_known_by_itself() -> None:
     assert not found(fitted(drive(rolling=0.5)))[1]
+
+
+def test_an_axle_without_tables_is_said_to_be_one() -> None:
+    """Where its wheels are found to turn or to move with the travel; a bar says nothing of that."""
+    found = [BAR, CamberChange("rear"), Jacking("front")]
+    assert axles_without_tables(found, PLAIN) == ("rear", "front")
+    assert axles_without_tables(found, VEHICLE) == ("front",)
+    assert not axles_without_tables([BAR], PLAIN)
