@@ -22,7 +22,7 @@ export PYTHONDONTWRITEBYTECODE :=
 .PHONY: help demo test lint format lock schema test-slow fuzz test-vcan benchmark first-work captures seeds coverage fewer no-loads blind fresh second-car second-car-seeds laws campaign catalogue pictures reference docs notebook clean moved
 
 help:
-	@echo 'make demo          the whole chain on committed captures, in 3 minutes (5 with the packages)'
+	@echo 'make demo          the whole chain on committed captures, in a minute or two, once the packages are loaded'
 	@echo 'make test          lint and tests'
 	@echo 'make lint          ruff, import contracts, pyright'
 	@echo 'make format        format the sources'
