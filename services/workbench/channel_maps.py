@@ -16,11 +16,12 @@ from lacet.daq.channels import COLUMNS
 from lacet.daq.errors import LacetError, RunError, UsageError
 from lacet.daq.formats.open_run import is_own
 from lacet.daq.formats.result import plain
-from lacet.daq.maps.channel_map import FORMAT, ChannelMap, MapError
+from lacet.daq.maps.channel_map import CHANNEL_KEYS, FORMAT, ChannelMap, MapError
 from lacet.daq.maps.guess import ACCEPTED, guess
 from lacet.daq.maps.mapped_run import map_beside, mapped_run
 from lacet.daq.sources.open_source import opened
 from lacet.daq.sources.source import Reading
+from lacet.daq.toml_reader import dotted
 from lacet.services.render.units import unit_text
 from lacet.services.workbench.file_changes import set_aside
 from lacet.services.workbench.run_files import find_run
@@ -29,11 +30,15 @@ from lacet.services.workbench.session_cache import SessionCache
 MOST = 400
 """Most entries of a map from the page."""
 
+Entry = str | dict[str, str]
+"""An entry of ``[channels]``: an expression, or its texts by `CHANNEL_KEYS`."""
+
 
 def map_payload(cache: SessionCache, name: str) -> dict[str, Any]:
     """Names of a log with units and ranges, what each could be, and the entries of its map.
 
-    Without a map the entries are the proposals that are probable enough. Raises UsageError for a file of lacet's own,
+    Entries are texts, or texts by key where more than an expression is said; `kept` are those in no such form. Without
+    a map the entries are the proposals that are probable enough. Raises UsageError for a file of lacet's own,
     RunError where it cannot be read.
     """
     path = _log(cache, name)
@@ -47,13 +52,14 @@ def map_payload(cache: SessionCache, name: str) -> dict[str, Any]:
         for g in found
         if g.column
     }
-    entries = {column: entry for column, entry in tables.get("channels", {}).items() if isinstance(entry, str)}
-    units = {key: entry for key, entry in tables.get("sources", {}).items() if isinstance(entry, str)}
+    written = _channels(tables)
+    entries: dict[str, Entry] = {column: entry for column, entry in written.items() if _is_entry(entry)}
+    units = _units(tables)
     if present is None:
         sure = {column: p for column, p in proposals.items() if p["probability"] >= ACCEPTED}
-        entries = {column: p["expression"] for column, p in sure.items()}
+        entries = {column: str(p["expression"]) for column, p in sure.items()}
         units = {p["name"]: p["unit"] for p in sure.values() if p["unit"]}
-    others = [column for column, entry in tables.get("channels", {}).items() if not isinstance(entry, str)]
+    others = [column for column, entry in written.items() if not _is_entry(entry)]
     return plain(
         {
             "file": path.name, "map": present.name if present else None, "own": _own(path).name,
@@ -73,16 +79,18 @@ def check_map(cache: SessionCache, name: str, body: Mapping[str, Any], keep: boo
     that is no map, or one to be kept that makes no run.
     """
     path = _log(cache, name)
-    entries, units = (_texts(body, key) for key in ("entries", "units"))
+    entries, units = _entries(body), _texts(body, "units")
     present = map_beside(path)
     tables = _tables(present)
     columns: dict[str, dict[str, Any]] = {}
-    good: dict[str, str] = {}
-    for column, expression in entries.items():
-        fault = _fault(_text({}, {column: expression}, units), path.parent).replace(f"channels.{column}: ", "")
+    good: dict[str, Entry] = {}
+    for column, entry in entries.items():
+        fault = _elsewhere(entry, _channels(tables).get(column)) or _fault(
+            _text({}, {column: entry}, units), path.parent
+        ).replace(f"channels.{column}", "").lstrip(".: ")
         columns[column] = {"fault": fault, "low": None, "high": None}
         if not fault:
-            good[column] = expression
+            good[column] = entry
     text = _text(tables, good, units)
     notes, seconds = list[str](), None
     try:
@@ -126,6 +134,34 @@ def _tables(file: Path | None) -> dict[str, Any]:
     return {}
 
 
+def _channels(tables: Mapping[str, Any]) -> dict[str, Any]:
+    """Column → its entry, as it is written."""
+    found = tables.get("channels")
+    return dotted(found, COLUMNS) if isinstance(found, dict) else {}
+
+
+def _units(tables: Mapping[str, Any]) -> dict[str, str]:
+    """Name of the log → the unit that a map says it has."""
+    said = {name: one.get("unit") if isinstance(one, dict) else one for name, one in tables.get("sources", {}).items()}
+    return {name: unit for name, unit in said.items() if isinstance(unit, str) and unit}
+
+
+def _is_entry(entry: Any) -> bool:
+    """Whether an entry is one that the page edits."""
+    if isinstance(entry, dict):
+        return "from" in entry and set(entry) <= set(CHANNEL_KEYS) and all(isinstance(v, str) for v in entry.values())
+    return isinstance(entry, str)
+
+
+def _elsewhere(entry: Entry, before: Any) -> str:
+    """Fault of a lookup table from the page that is no file beside the log; one that the map had before may be."""
+    table = entry.get("table", "") if isinstance(entry, dict) else ""
+    had = before.get("table") if isinstance(before, dict) else None
+    if table in ("", had) or (Path(table).name == table and "\\" not in table):
+        return ""
+    return f"table: '{table}' is no name of a file beside the log"
+
+
 def _reading(file: Path | None) -> Reading:
     """How a map says that its log is read."""
     with suppress(LacetError):
@@ -142,6 +178,21 @@ def _texts(body: Mapping[str, Any], key: str) -> dict[str, str]:
     return {str(name): value.strip() for name, value in found.items() if value.strip()}
 
 
+def _entries(body: Mapping[str, Any]) -> dict[str, Entry]:
+    """Entries of the page; one that has an expression alone is that. Raises UsageError for what is none."""
+    found = body.get("entries") or {}
+    if not isinstance(found, dict) or len(found) > MOST:
+        raise UsageError(f"entries: at most {MOST}, by column")
+    out: dict[str, Entry] = {}
+    for column, entry in found.items():
+        parts = _texts({"entries": {"from": entry} if isinstance(entry, str) else entry}, "entries")
+        if not set(parts) <= set(CHANNEL_KEYS):
+            raise UsageError(f"entries: a text, or texts of {', '.join(CHANNEL_KEYS)}")
+        if "from" in parts:
+            out[str(column)] = parts if len(parts) > 1 else parts["from"]
+    return out
+
+
 def _fault(text: str, folder: Path) -> str:
     """What is wrong with a map, in a sentence; empty where nothing is."""
     try:
@@ -151,10 +202,16 @@ def _fault(text: str, folder: Path) -> str:
     return ""
 
 
-def _text(tables: Mapping[str, Any], entries: Mapping[str, str], units: Mapping[str, str]) -> str:
+def _text(tables: Mapping[str, Any], entries: Mapping[str, Entry], units: Mapping[str, str]) -> str:
     """A map's text: what the page does not edit as it was, its entries and units as given."""
-    sources = {k: v for k, v in tables.get("sources", {}).items() if not isinstance(v, str)} | dict(units)
-    channels = {k: v for k, v in tables.get("channels", {}).items() if not isinstance(v, str)} | dict(entries)
+    sources: dict[str, Any] = dict(units)
+    for name, said in tables.get("sources", {}).items():
+        if isinstance(said, dict):
+            rest = {key: value for key, value in said.items() if key != "unit"}
+            unit = {"unit": units[name]} if name in units else {}
+            if rest or unit:
+                sources[name] = (unit | rest) if rest else units[name]
+    channels = {k: v for k, v in _channels(tables).items() if not _is_entry(v)} | dict(entries)
     parts = {"run": tables.get("run", {}), "read": tables.get("read", {}), "sources": sources, "channels": channels}
     lines = [f'format = "{FORMAT}"']
     for title, table in parts.items():

@@ -90,12 +90,40 @@ manoeuvre = "slalom"
     with TestClient(create_app(Settings(folder)), base_url="http://127.0.0.1:8765") as client:
         page = Page(client)
         found = page.get("runs/lap/map")
-        assert found["kept"] == ["imu.accel.y"]
-        assert found["entries"] == {"imu.accel.x": "LongAcc", "imu.accel.z": "VertAcc"}
-        entries = {"imu.accel.x": "-LongAcc", "imu.accel.z": "VertAcc"}
-        assert page.post("runs/lap/map?keep=true", {"entries": entries, "units": found["units"]})["kept"]
-    after = ChannelMap.load(folder / "runs" / "lap.map.toml")
-    assert after.metadata["manoeuvre"] == "slalom"
-    assert after.channels["imu.accel.y"].delay == pytest.approx(0.012)
-    assert after.said("Laptimer").delay == pytest.approx(0.004)
-    assert after.channels["imu.accel.x"].written.text == "-LongAcc"
+        delayed = {"from": "LatAcc", "delay": "12 ms"}
+        assert found["entries"] == {"imu.accel.x": "LongAcc", "imu.accel.y": delayed, "imu.accel.z": "VertAcc"}
+        assert (found["kept"], found["units"]) == ([], {"Lap*": "s"})
+        entries = {**found["entries"], "imu.accel.x": "-LongAcc"}
+        assert page.post("runs/lap/map?keep=true", {"entries": entries, "units": {"Lap*": "min"}})["kept"]
+        after = ChannelMap.load(folder / "runs" / "lap.map.toml")
+        assert after.metadata["manoeuvre"] == "slalom"
+        assert after.channels["imu.accel.y"].delay == pytest.approx(0.012)
+        assert (after.said("Laptimer").unit, after.said("Laptimer").delay) == ("min", pytest.approx(0.004))
+        assert after.channels["imu.accel.x"].written.text == "-LongAcc"
+
+
+def test_an_entry_has_unit_delay_and_table(tmp_path: Path):
+    """Each is checked with its entry; a table is a file beside the log, never one elsewhere."""
+    folder = tmp_path / "new"
+    (folder / "runs").mkdir(parents=True)
+    foreign_log(folder / "runs" / "lap.csv")
+    (tmp_path / "secret.csv").write_text("LatAcc [g],imu.accel.y [m/s²]\n0,1\n1,2\n", encoding="utf-8")
+    (folder / "runs" / "lookup.csv").write_text("LatAcc [g],imu.accel.y [m/s²]\n-9,0\n9,90\n", encoding="utf-8")
+    with TestClient(create_app(Settings(folder)), base_url="http://127.0.0.1:8765") as client:
+        page = Page(client)
+
+        def checked(**entry: str) -> dict[str, object]:
+            entries = {"imu.accel.x": "LongAcc", "imu.accel.z": "VertAcc", "imu.accel.y": {"from": "LatAcc", **entry}}
+            return page.post("runs/lap/map", {"entries": entries})["columns"]["imu.accel.y"]
+
+        plain, in_other = checked(), checked(unit="m/s²")
+        assert isinstance(plain["high"], float)
+        assert in_other["high"] == pytest.approx(plain["high"] / G, rel=1e-6)
+        assert checked(table="lookup.csv")["high"] == pytest.approx(45.0 + 5.0 * plain["high"] / G, rel=1e-6)
+        for wrong, said in (
+            ({"delay": "12"}, "time with its unit"), ({"unit": "xyz"}, "xyz"), ({"table": "none.csv"}, "none.csv"),
+            ({"table": "../../secret.csv"}, "beside the log"), ({"table": str(tmp_path / "secret.csv")}, "beside"),
+        ):  # fmt: skip
+            assert said in str(checked(**wrong)["fault"])
+        for none in ({"imu.accel.y": {"from": "LatAcc", "to": "x"}}, {"imu.accel.y": 7}, {"imu.accel.y": {"from": 7}}):
+            page.post("runs/lap/map", {"entries": none}, 400)

@@ -67,6 +67,16 @@ def test_a_channel_map_is_made_on_the_page(browser: Any, tmp_path: Path) -> None
         watch.picture("channel-map")
         watch.at("map-imu.accel.y").fill("LatAcc")
         watch.expect(watch.at("map-state-imu.accel.y")).to_contain_text("m/s²")
+        watch.at("map-imu.accel.y-more").click()
+        watch.at("map-imu.accel.y-delay").fill("12")
+        watch.expect(watch.at("map-state-imu.accel.y")).to_contain_text("must be a time with its unit")
+        watch.at("map-imu.accel.y-delay").fill("12 ms")
+        watch.expect(watch.at("map-state-imu.accel.y")).to_contain_text("m/s²")
         watch.at("map-keep").click()
-        watch.expect(watch.at("run-row-lap")).to_contain_text("good", timeout=LONG)
-        assert (tmp_path / "study" / "runs" / "lap.map.toml").is_file()
+        # the ends, which the delayed one lacks
+        watch.expect(watch.at("run-row-lap")).to_contain_text("0.4 %", timeout=LONG)
+        text = (tmp_path / "study" / "runs" / "lap.map.toml").read_text(encoding="utf-8")
+        assert '{ "from" = "LatAcc", "delay" = "12 ms" }' in text
+        watch.at("map-of-lap").click()
+        watch.expect(watch.at("map-imu.accel.y-delay")).to_have_value("12 ms")
+        watch.picture("channel-map-delay")

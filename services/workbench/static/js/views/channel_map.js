@@ -3,6 +3,13 @@
 import { debounce, h } from "../widgets/dom.js";
 import { percent, short } from "../widgets/format.js";
 
+/** What may be said of a channel beside its expression: key → label, example, meaning. */
+const MORE = {
+  unit: ["unit", "g", "unit of the one name in the expression, over what the log says"],
+  delay: ["delay", "12 ms", "it is stamped that much later than measured"],
+  table: ["table", "steering.csv", "a text table beside the log, in which the value is looked up"],
+};
+
 /**
  * Shows the map of a run in a panel.
  * @param {HTMLElement} root
@@ -37,7 +44,7 @@ export async function showMap(root, app, name, done) {
     check();
   } });
 
-  const entries = () => Object.fromEntries([...lines].map(([column, { input }]) => [column, input.value.trim()]).filter(([, text]) => text));
+  const entries = () => Object.fromEntries([...lines].map(([column, { entry }]) => [column, entry()]).filter(([, one]) => one.from));
   const check = debounce(() => void ask(false), 350);
 
   async function ask(store) {
@@ -71,17 +78,28 @@ export async function showMap(root, app, name, done) {
   }
 
   /** A line of the map; made where the column has none. */
-  function line(column, expression) {
+  function line(column, entry) {
     const there = lines.get(column);
     if (there) return there;
+    const said = typeof entry === "string" ? { from: entry } : entry;
+    const expression = said.from;
     const proposal = found.proposals[column];
     const input = h("input", { type: "text", class: "map-expression code", value: expression, "aria-label": `${column} is`, "data-testid": `map-${column}`,
       spellcheck: "false", oninput: check, onfocus: () => { focus = input; } });
     const state = h("span", { class: "muted", "data-testid": `map-state-${column}` });
     const guess = proposal && proposal.expression === expression ? h("span", { class: proposal.probability >= found.accepted ? "good" : "warn",
       title: "probability that column, unit and sign are right", text: percent(proposal.probability) }) : null;
+    const more = Object.fromEntries(Object.entries(MORE).map(([key, [label, example, title]]) => [key, h("input", { type: "text", class: "map-more code",
+      value: said[key] ?? "", placeholder: example, title, "aria-label": `${label} of ${column}`, "data-testid": `map-${column}-${key}`, spellcheck: "false", oninput: check })]));
+    const extra = h("div", { class: "bar map-extra", hidden: Object.keys(said).length < 2 }, Object.entries(more).map(([key, field]) => h("label", null, `${MORE[key][0]} `, field)));
+    const open = h("button", { type: "button", class: "small quiet", "aria-label": `unit, delay and table of ${column}`, "aria-expanded": String(!extra.hidden),
+      "data-testid": `map-${column}-more`, text: "More", onclick: () => {
+        extra.hidden = !extra.hidden;
+        open.setAttribute("aria-expanded", String(!extra.hidden));
+        if (!extra.hidden) more.unit.focus();
+      } });
     const row = h("tr", null, h("th", { scope: "row", class: "code", title: about.get(column)?.about ?? "", text: column }),
-      h("td", { text: about.get(column)?.unit || "–" }), h("td", null, input), h("td", { class: "num" }, guess), h("td", { class: "map-state" }, state),
+      h("td", { text: about.get(column)?.unit || "–" }), h("td", null, h("div", { class: "map-is" }, input, open), extra), h("td", { class: "num" }, guess), h("td", { class: "map-state" }, state),
       h("td", null, h("button", { type: "button", class: "small quiet", "aria-label": `Leave ${column} out`, text: "Leave out", onclick: () => {
         row.remove();
         lines.delete(column);
@@ -89,7 +107,8 @@ export async function showMap(root, app, name, done) {
         check();
       } })));
     body.append(row);
-    const made = { input, state };
+    const fields = Object.entries({ from: input, ...more });
+    const made = { input, state, entry: () => Object.fromEntries(fields.map(([key, field]) => [key, field.value.trim()]).filter(([, text]) => text)) };
     lines.set(column, made);
     return made;
   }
@@ -123,7 +142,7 @@ export async function showMap(root, app, name, done) {
       h("td", { class: "num", text: n.rate ? `${short(n.rate)} Hz` : "–" }));
   }));
   const head = (...texts) => h("thead", null, h("tr", null, texts.map((text) => h("th", { scope: "col", text }))));
-  for (const [column, expression] of Object.entries(found.entries)) line(column, expression);
+  for (const [column, entry] of Object.entries(found.entries)) line(column, entry);
   fill();
   root.replaceChildren(...[
     h("h2", null, `Channel map of ${found.file}`, h("span", { class: "muted", text: found.map ? `from ${found.map}` : "proposed from names, units and the car's behaviour: look through it, signs first" })),

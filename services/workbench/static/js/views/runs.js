@@ -157,7 +157,6 @@ export async function show(root, app) {
         ),
       ),
     );
-    const problems = (run.says ?? []).join("\n");
     return h(
       "tr",
       { "data-testid": `run-row-${run.name}`, class: `${open === run.name ? "open" : ""}${waits ? " reading" : ""}` },
@@ -188,7 +187,7 @@ export async function show(root, app) {
           text: waits ? "…" : count(run.channels),
         }),
       ),
-      h("td", null, quality(run), problems ? h("div", { class: "sub", text: problems }) : null),
+      h("td", null, quality(run), (run.says ?? []).map((text) => h("div", { class: "sub", text }))),
       h("td", { class: lost(run.losses) ? "warn" : "", text: waits ? "" : losses(run.losses) }),
     );
   }
