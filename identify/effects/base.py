@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
+from functools import cached_property
 from typing import ClassVar, Self, TypeVar
 
 import numpy as np
@@ -128,7 +129,7 @@ class Effect(ABC):
     """Smallest and largest plausible value of shape constants [SI], between which the law is a continuous function of
     them; of a constant that is not named, those of its grid (`bounds_of`)."""
 
-    @property
+    @cached_property
     def key(self) -> str:
         """``family.where``, the name by which models, results and commands refer to it."""
         return f"{self.name}.{self.where}" if self.where else self.name
@@ -202,7 +203,7 @@ class Effect(ABC):
             out = [replace(one, shape={**one.shape, name: value}) for one in out for value in values]
         return out
 
-    @property
+    @cached_property
     def constants(self) -> tuple[tuple[str, float], ...]:
         """Names and values of all that its columns depend on beside the motion: effects of one key differ in these."""
         return tuple(sorted(self.shape.items()))

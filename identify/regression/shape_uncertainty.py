@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -36,12 +37,12 @@ class ConstantChange(PhysicalEffect):
     constant: str = field(kw_only=True)
     values: tuple[float, ...] = field(kw_only=True)
 
-    @property
+    @cached_property
     def key(self) -> str:
         """``family.where.constant``."""
         return f"{self.effect.key}.{self.constant}"
 
-    @property
+    @cached_property
     def constants(self) -> tuple[tuple[str, float], ...]:
         """The constants and the present values of the effect."""
         return (

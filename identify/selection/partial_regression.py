@@ -20,7 +20,7 @@ from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.selection.columns.candidate_columns import CandidateColumns
-from lacet.identify.selection.columns.cross_products import CrossProducts
+from lacet.identify.selection.columns.cross_products import CrossProducts, Extent
 from lacet.identify.selection.columns.layout import Layout, Trial
 from lacet.identify.selection.columns.regressor_noise import combined
 from lacet.identify.selection.columns.samples import RunSamples
@@ -287,18 +287,18 @@ def _solved(G: Array, right: Array) -> Array:
 
 
 def beside(
-    columns: CandidateColumns, before: PartialRegression, effects: Sequence[Effect], draws: bool = True
+    columns: CandidateColumns, before: PartialRegression, effects: Sequence[Effect], extent: Extent = Extent.ALL
 ) -> tuple[PartialRegression, tuple[Trial, ...]]:
     """Partial regression of effects at their present shapes on the nuisance columns of `before`, and their trials.
 
-    Noise in a shape between values of a grid is interpolated. `draws` : whether simulated runs are included.
+    Noise in a shape between values of a grid is interpolated. `extent` : which sums it has.
     """
     linearisation, old_layout = columns.linearisation, columns.sums.layout
     known = {trial.place.start: trial for trial in old_layout.trials}
     kept = [known[place] for place in before.nuisance.tolist() if place in known]
     layout = Layout.of(old_layout.model, old_layout.sheet, [*(trial.effect for trial in kept), *effects])
-    floor = linearisation.floor if draws else linearisation.floor.without_draws()
-    sums = linearisation.runs.products(floor, layout, columns.sums.weighting.prior_stiffening, {}, 0)
+    floor = linearisation.floor.without_draws() if extent is Extent.TOTAL else linearisation.floor
+    sums = linearisation.runs.products(floor, layout, columns.sums.weighting.prior_stiffening, {}, 0, extent)
     # The sheet's faults and the selected effects stand one behind the other; their priors stay those of the space.
     plain = before.nuisance[before.nuisance < old_layout.model + len(old_layout.sheet)]
     nuisance = np.concatenate([plain, *(np.r_[trial.place] for trial in layout.trials[: len(kept)])]).astype(np.intp)

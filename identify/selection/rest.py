@@ -35,6 +35,7 @@ class AddedLaw:
     implausible : what no car has of it, if anything.
     sheet_entries : entries of the sensor sheet for the same error, of a sensor fault.
     describes : whether it only describes a force of unknown cause.
+    looks_like : names of the laws that it is confounded with by construction.
     """
 
     key: str
@@ -47,6 +48,7 @@ class AddedLaw:
     implausible: Implausible | None = None
     sheet_entries: frozenset[tuple[str, str]] = frozenset()
     describes: bool = False
+    looks_like: tuple[str, ...] = ()
 
     @property
     def rows(self) -> frozenset[Row]:
@@ -155,7 +157,7 @@ def _added(
         out.append(
             AddedLaw(
                 effect.key, effect.name, theta[at], tuple(at), force, null, acting, wrong, effect.sheet_entries,
-                effect.describes,
+                effect.describes, effect.looks_like,
             )
         )  # fmt: skip
     return tuple(out)

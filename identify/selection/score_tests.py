@@ -15,6 +15,7 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.selection.candidate import Answer, Candidate, Reason
 from lacet.identify.selection.columns.candidate_columns import CandidateColumns
+from lacet.identify.selection.columns.cross_products import Extent
 from lacet.identify.selection.columns.layout import Trial
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise, regressor_labels
@@ -408,12 +409,14 @@ class ScoreTests:
 
     # -- effects added, at shapes of their own -------------------------------------------------------------------------
 
-    def beside(self, effects: Sequence[Effect], draws: bool = True) -> tuple[PartialRegression, tuple[Trial, ...]]:
+    def beside(
+        self, effects: Sequence[Effect], extent: Extent = Extent.ALL
+    ) -> tuple[PartialRegression, tuple[Trial, ...]]:
         """Partial regression of effects at their present shapes on model, zeros and sheet, and their trials.
 
-        `draws` : whether noise and simulated runs are included.
+        `extent` : which sums it has.
         """
-        return beside(self.columns, self.regression, effects, draws)
+        return beside(self.columns, self.regression, effects, extent)
 
     def residual_beside(self, added: Sequence[Effect]) -> LackOfFit:
         """Lack of fit with model, zeros, sensor sheet and the `added` effects."""

@@ -20,7 +20,7 @@ from lacet.identify.regression.qr_accumulation import orthonormaliser
 from lacet.identify.regression.sums.linear_fit import FitOptions, FittedModel
 from lacet.identify.regression.tolerances import SheetEntry, entry_name
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.columns.cross_products import CrossProducts, SumsOfRuns, model_prior
+from lacet.identify.selection.columns.cross_products import CrossProducts, Extent, SumsOfRuns, model_prior
 from lacet.identify.selection.columns.layout import Layout
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise, pairs_drawn, regressor_labels
 from lacet.identify.selection.columns.samples import SampleTask, T
@@ -166,15 +166,16 @@ class CampaignRanking:
         return {effect.key: lack for effect in effects if (lack := self.survey.lacks.get(effect.key)) is not None}
 
     def products(
-        self, floor: NoiseFloor, layout: Layout, prior_stiffening: float, drifts: Mapping[str, float], seed: int
-    ) -> CrossProducts:
+        self, floor: NoiseFloor, layout: Layout, prior_stiffening: float, drifts: Mapping[str, float], seed: int,
+        extent: Extent = Extent.ALL,
+    ) -> CrossProducts:  # fmt: skip
         """Cross products of the columns of a layout, from one pass over the samples."""
         sigma, fitted = dict(floor.sigma), self.fitted
         equations = self.found.equations.equations
         root = equations.root({row: sigma.get(row, own) for row, own in fitted.sigma.items()})
         weighting = Weighting(layout, orthonormaliser(root[:, : len(fitted.place)]), prior_stiffening)
         plain, draws = PlainWeighting.of(weighting), self.simulated if floor.count else Draws(0, 0)
-        state = ProductsAt(self.plain, draws, plain, sigma, dict(drifts), seed)
+        state = ProductsAt(self.plain, draws, plain, sigma, dict(drifts), seed, extent)
         sums = self.reduce(state, SumsOfRuns.merged, "products of columns")
         prior = model_prior(equations.known, fitted.solution, weighting.turn)
         return CrossProducts(weighting, prior, sums, CampaignSamples(self, draws, plain, sigma))

@@ -16,7 +16,7 @@ from lacet.identify.regression.prepared_run import Unmeasured
 from lacet.identify.regression.sums.linear_fit import FittedModel
 from lacet.identify.regression.tolerances import SheetEntry
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.columns.cross_products import SumsOfRuns, samples_of
+from lacet.identify.selection.columns.cross_products import Extent, SumsOfRuns, samples_of
 from lacet.identify.selection.columns.layout import Layout
 from lacet.identify.selection.columns.regressor_noise import noise_of_run
 from lacet.identify.selection.columns.samples import SampleTask
@@ -199,16 +199,18 @@ class WeightedAt(_OfSelection):
 
 @dataclass(frozen=True)
 class ProductsAt(WeightedAt):
-    """Sums of products of a run; `drifts`, `seed` as of `CrossProducts.of`."""
+    """Sums of products of a run; `drifts`, `seed`, `extent` as of `CrossProducts.of`."""
 
     drifts: Mapping[str, float]
     seed: int
+    extent: Extent
 
     def sums(self, run: SingleRun) -> SumsOfRuns:
         """The sums."""
         fit, weighting = self.fit.fit(run), self.weighting(run)
-        samples, products = samples_of(fit, self.floor(fit, run), weighting, 0)
-        return SumsOfRuns.of(products, samples, weighting, self.drifts, [self.seed, 6, run.reference.seed])
+        samples, products = samples_of(fit, self.floor(fit, run), weighting, 0, extent=self.extent)
+        seed = [self.seed, 6, run.reference.seed]
+        return SumsOfRuns.of(products, samples, weighting, self.drifts, seed, self.extent)
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,8 @@ class OneLine(PhysicalEffect):
     line: ClassVar[Line]
     plausible: ClassVar[dict[str, tuple[float, float]]]
     """Smallest and largest plausible value of each parameter [SI]."""
+    units: ClassVar[dict[str, str]]
+    """SI unit of each parameter, which follows from the law."""
     bend: ClassVar[Bend]
     """Where its law bends within the noise (`SuspensionForce.bend`)."""
 
@@ -55,7 +57,7 @@ class OneLine(PhysicalEffect):
         for name in self.line.parameters:
             low, high = self.plausible[name]
             expect = "positive" if low >= 0 else "negative" if high <= 0 else "any"
-            out.append(self.named(name, self.line.unit(name), low, high, expect))
+            out.append(self.named(name, self.units[name], low, high, expect))
         return tuple(out)
 
     def acted_on(self) -> Iterator[tuple[str, str, RowLaw]]:
@@ -119,6 +121,7 @@ def effect_class(line: Line) -> type[OneLine]:
         "grid_units": {name: line.constants[name].unit for name in line.grids},
         "instantaneous": not line.has_memory,
         "bend": _bend(line),
+        "units": {name: line.unit(name) for name in line.parameters},
         "plausible": {name: line.bounds.get(name) or _plausible(line, name) for name in line.parameters},
     }  # fmt: skip
     return cast(type[OneLine], type(f"OneLine_{line.name}", (OneLine,), attributes))

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum, auto
 from operator import add
 from typing import TypeVar
 
@@ -30,6 +31,17 @@ from lacet.identify.validation.noise_floor import NoiseFloor
 V = TypeVar("V")
 
 
+class Extent(Enum):
+    """Which sums of products are made: the fewer, the sooner."""
+
+    ALL = auto()
+    """Over all samples, inside and outside folds, and by row, with simulated runs."""
+    SIMULATED = auto()
+    """Over all samples, with simulated runs."""
+    TOTAL = auto()
+    """Over all samples."""
+
+
 @dataclass(frozen=True)
 class SumsOfRuns:
     """Sums of products over several runs, each run's zeros eliminated.
@@ -37,9 +49,9 @@ class SumsOfRuns:
     Attributes
     ----------
     total : (w, w) of all samples; `train`, `test` (folds, w, w) of those outside and inside a fold, `test` at the
-        zeros found outside.
+        zeros found outside; no fold unless `Extent.ALL`.
     null : row → (w, D) products with the row's simulated noise; `null_sheet` (w, D) with simulated zeros and drifts.
-    rows : row → sums over its samples alone.
+    rows : row → sums over its samples alone; none unless `Extent.ALL`.
     acting : row → (w,) whether a column acts on it.
     zero_gains : for each run (z, w) regression of each column on its zeros.
     """
@@ -61,6 +73,7 @@ class SumsOfRuns:
         weighting: Weighting,
         drifts: Mapping[str, float],
         seed: Sequence[int],
+        extent: Extent = Extent.ALL,
     ) -> SumsOfRuns:
         """The sums of one run.
 
@@ -70,17 +83,21 @@ class SumsOfRuns:
         weighting : its weights.
         drifts : key → 1 σ of the sensor faults whose size is another in each run.
         seed : of its simulated zeros and drifts.
+        extent : which sums.
         """
-        rows = products.by_row
-        train, test = zip(*(products.fold(fold) for fold in range(SELECTION.folds)), strict=True)
-        acting = {row: np.zeros(weighting.layout.width, bool) for row in rows}
+        every, width = extent is Extent.ALL, weighting.layout.width
+        folds = [products.fold(fold) for fold in range(SELECTION.folds)] if every else []
+        train, test = (
+            (np.stack(part) for part in zip(*folds, strict=True)) if folds else [np.zeros((0, width, width))] * 2
+        )
+        acting = {row: np.zeros(width, bool) for row in products.by_row}
         for block in samples.blocks.held:
             acting[block.row][block.active] = True
         return cls(
-            products.eliminated[1], np.stack(train), np.stack(test),
+            products.eliminated[1], train, test,
             {row: products.remaining(noise) for row, noise in products.noise.items()},
             np.sum(list(_sheet_draws(products, weighting, drifts, np.random.default_rng(seed))), axis=0),
-            {row: products.row(row) for row in rows}, acting, (products.eliminated[0],),
+            {row: products.row(row) for row in products.by_row if every}, acting, (products.eliminated[0],),
         )  # fmt: skip
 
     @staticmethod
@@ -137,7 +154,7 @@ class CrossProducts:
     @classmethod
     def of(
         cls, fitted: Fit, floor: NoiseFloor, layout: Layout, prior_stiffening: float,
-        drifts: Mapping[str, float] | None = None, seed: int = 0,
+        drifts: Mapping[str, float] | None = None, seed: int = 0, extent: Extent = Extent.ALL,
     ) -> CrossProducts:  # fmt: skip
         """Cross products of all columns of a fit, from one pass over the samples of its runs.
 
@@ -149,6 +166,7 @@ class CrossProducts:
         prior_stiffening : 1 σ of the sensor sheet ÷ 1 σ of the zeros' priors.
         drifts : key → 1 σ of the sensor faults whose size is another in each run.
         seed : of simulated zeros and drifts.
+        extent : which sums.
         """
         # Runs count from one: NumPy fills seeds up with zeros, and the tolerances of all runs are drawn from [seed, 6].
         weighting = Weighting(layout, fitted.orthonormaliser(floor.sigma), prior_stiffening)
@@ -157,10 +175,10 @@ class CrossProducts:
         def each() -> Iterator[SumsOfRuns]:
             first = 0
             for run in range(len(fitted.runs)):
-                samples, products = samples_of(fitted, floor, weighting, run, first)
+                samples, products = samples_of(fitted, floor, weighting, run, first, extent)
                 held.append(samples)
                 first += samples.block_count
-                yield SumsOfRuns.of(products, samples, weighting, drifts or {}, [seed, 6, 1 + run])
+                yield SumsOfRuns.of(products, samples, weighting, drifts or {}, [seed, 6, 1 + run], extent)
 
         sums = merged(each(), SumsOfRuns.merged)
         prior = model_prior(fitted.equations.known, fitted.solution, weighting.turn)
@@ -183,11 +201,12 @@ class CrossProducts:
 
 
 def samples_of(
-    fitted: Fit, floor: NoiseFloor, weighting: Weighting, run: int, first: int = 0
+    fitted: Fit, floor: NoiseFloor, weighting: Weighting, run: int, first: int = 0, extent: Extent = Extent.ALL
 ) -> tuple[RunSamples, RunProducts]:
     """Samples of one run of a fit and their sums of products; `first` is the number of its first block."""
     blocks = Blocks.of(blocks_of(fitted, floor, weighting, run), fitted.runs[run].is_long)
-    products = RunProducts.of(blocks, len(fitted.zeros[run][1]), weighting.layout.width, floor.count, first)
+    folds = SELECTION.folds if extent is Extent.ALL else 1
+    products = RunProducts.of(blocks, len(fitted.zeros[run][1]), weighting.layout.width, floor.count, first, folds)
     return RunSamples(blocks, products.eliminated[0], products.noise_zeros, first), products
 
 

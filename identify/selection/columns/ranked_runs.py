@@ -17,7 +17,7 @@ from lacet.identify.regression.prepared_run import Unmeasured
 from lacet.identify.regression.sums.linear_fit import FittedModel
 from lacet.identify.regression.tolerances import SheetEntry
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.columns.cross_products import CrossProducts
+from lacet.identify.selection.columns.cross_products import CrossProducts, Extent
 from lacet.identify.selection.columns.layout import Layout
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise
 from lacet.identify.validation.noise_floor import NoiseFloor
@@ -88,8 +88,9 @@ class RankedRuns(Protocol):
         ...
 
     def products(
-        self, floor: NoiseFloor, layout: Layout, prior_stiffening: float, drifts: Mapping[str, float], seed: int
-    ) -> CrossProducts:
+        self, floor: NoiseFloor, layout: Layout, prior_stiffening: float, drifts: Mapping[str, float], seed: int,
+        extent: Extent = Extent.ALL,
+    ) -> CrossProducts:  # fmt: skip
         """Cross products of the columns of a layout; parameters as of `CrossProducts.of`."""
         ...
 
@@ -181,10 +182,11 @@ class LocalRuns:
         return {key: lack for key, lack in lacks if lack is not None}
 
     def products(
-        self, floor: NoiseFloor, layout: Layout, prior_stiffening: float, drifts: Mapping[str, float], seed: int
-    ) -> CrossProducts:
+        self, floor: NoiseFloor, layout: Layout, prior_stiffening: float, drifts: Mapping[str, float], seed: int,
+        extent: Extent = Extent.ALL,
+    ) -> CrossProducts:  # fmt: skip
         """Cross products of the columns of a layout, from one pass over the samples."""
-        return CrossProducts.of(self.fit, floor, layout, prior_stiffening, drifts, seed)
+        return CrossProducts.of(self.fit, floor, layout, prior_stiffening, drifts, seed, extent)
 
     def regressor_noise(self, sums: CrossProducts, sigma: Mapping[Row, float], progress: Progress) -> RegressorNoise:
         """Noise in the columns of all runs, for rows weighted by `sigma`."""

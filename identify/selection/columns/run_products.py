@@ -34,7 +34,9 @@ class RunProducts:
     noise_squares: Mapping[Row, Array]
 
     @classmethod
-    def of(cls, blocks: Iterable[Block], z: int, w: int, draws: int, first: int = 0) -> RunProducts:
+    def of(
+        cls, blocks: Iterable[Block], z: int, w: int, draws: int, first: int = 0, folds: int = SELECTION.folds
+    ) -> RunProducts:
         """Products of a run's samples.
 
         Parameters
@@ -43,8 +45,9 @@ class RunProducts:
         z, w : number of zeros, and of columns.
         draws : number of simulated runs.
         first : number of the run's first block in the cross-validation of all runs.
+        folds : number of folds of the cross-validation; 1 for none.
         """
-        inside = np.zeros((SELECTION.folds, z + w, z + w))
+        inside = np.zeros((folds, z + w, z + w))
         by_row: dict[Row, Array] = {}
         noise: dict[Row, Array] = {}
         squares: dict[Row, Array] = {}
@@ -56,8 +59,8 @@ class RunProducts:
             place = np.concatenate([np.arange(z), z + block.active])
             # Indices of one dimension: NumPy adds at these three times as fast as at those of two.
             square, whole = np.add.outer((z + w) * place, place).ravel(), np.zeros(len(place) ** 2)
-            for fold in range(SELECTION.folds):
-                part = both[(first + block.number) % SELECTION.folds == fold]
+            for fold in range(folds):
+                part = both[(first + block.number) % folds == fold] if folds > 1 else both
                 products = (part.T @ part).ravel()
                 inside[fold].reshape(-1)[square] += products
                 whole += products

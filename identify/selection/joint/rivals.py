@@ -10,6 +10,7 @@ import numpy as np
 from lacet.identify.effects.base import Effect
 from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.columns.candidate_columns import solved
+from lacet.identify.selection.columns.cross_products import Extent
 from lacet.identify.selection.columns.layout import Trial
 from lacet.identify.selection.joint.shape_constants import with_best_constants
 from lacet.identify.selection.partial_regression import PartialRegression
@@ -49,7 +50,7 @@ def rivals(free: ScoreTests, own: Candidate, tried: Sequence[Candidate]) -> list
         return []
     mine = replace(effects[own.key], shape=own.shape)
     tuned = with_best_constants(free, [replace(effects[c.key], shape=c.shape) for c in near], groups=range(len(near)))
-    inside, (first, *others) = free.beside([mine, *tuned], draws=False)
+    inside, (first, *others) = free.beside([mine, *tuned], Extent.TOTAL)
     whole = _fall(inside, first)
     return sorted((Rival(t.effect, whole - _fall(inside, t)) for t in others), key=lambda rival: rival.margin)
 

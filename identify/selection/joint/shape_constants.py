@@ -18,6 +18,7 @@ from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.columns.candidate_columns import solved
+from lacet.identify.selection.columns.cross_products import Extent
 from lacet.identify.selection.columns.interpolation import searched_in_ratios
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.partial_regression import PartialRegression
@@ -137,7 +138,7 @@ def refined(space: ScoreTests, c: Candidate) -> Candidate:
     (best,) = with_best_constants(space, [replace(space.effects[c.key], shape=c.shape)])
     if best.shape == c.shape:
         return c
-    inside, (trial,) = space.beside([best], draws=False)
+    inside, (trial,) = space.beside([best], Extent.TOTAL)
     values, spread = inside.values(trial.place)
     half = SELECTION.interval_quantile * spread
     return replace(c, shape=dict(best.shape), values=tuple(map(float, values)), interval=tuple(map(float, half)))
@@ -195,7 +196,7 @@ class _Falls:
 
     @classmethod
     def of(cls, space: ScoreTests, tried: Sequence[Sequence[Effect]]) -> _Falls:
-        inside, trials = space.beside([option for options in tried for option in options], draws=False)
+        inside, trials = space.beside([option for options in tried for option in options], Extent.TOTAL)
         queue = iter(trials)
         places = [[next(queue).place for _ in options] for options in tried]
         prior = np.ones(inside.sums.layout.width)

@@ -91,13 +91,19 @@ class Subset:
 
 
 def inexactness_of(family: str, rows: Collection[Row], laws: Sequence[AddedLaw]) -> float:
-    """Weighted squares that an effect on these rows may explain as the laws of the model are not exact."""
+    """Weighted squares that an effect on these rows may explain as the laws of the model are not exact.
+
+    What a law is inexact by is a part of the force that nothing else explains; for an effect that looks like the law, a
+    part of its whole force, most of which the two share.
+    """
     out = 0.0
     for one in laws:
         if not one.rows.isdisjoint(rows):
             side = set(rows) < one.rows  # of the wheels that the law acts at, one: left and right are never equal
             alike = side or one.family == family or one.describes
-            out += (SELECTION.selected_inexactness if alike else SELECTION.law_inexactness) ** 2 * one.force
+            shared = sum(one.row_force[row] for row in one.rows & set(rows)) if family in one.looks_like else 0.0
+            share = SELECTION.selected_inexactness if alike else SELECTION.law_inexactness
+            out += share**2 * max(one.force, shared)
     return out
 
 

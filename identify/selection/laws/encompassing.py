@@ -23,6 +23,7 @@ from lacet.identify.effects.language.compiled import OneLine
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.selection.columns.candidate_columns import solved
+from lacet.identify.selection.columns.cross_products import Extent
 from lacet.identify.selection.joint.refits import Joint, less_a_part, tested_again
 from lacet.identify.selection.laws.formulas import laws_at
 from lacet.identify.selection.laws.search import null_products, without_noise
@@ -119,7 +120,7 @@ class _Place:
 
     @classmethod
     def of(cls, space: ScoreTests, law: AddedLaw, beside: Sequence[OneLine], others: Sequence[OneLine] = ()) -> _Place:
-        known, trials = space.beside([*beside, *others])
+        known, trials = space.beside([*beside, *others], Extent.SIMULATED)
         at = np.array([trial.place.start for trial in trials], np.intp)
         null, model = null_products(space, known), known.sums.layout.model
         # The law is a part of the model: its own equations follow from the inverse of all.

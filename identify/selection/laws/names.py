@@ -10,6 +10,7 @@ import numpy as np
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.language.compiled import OneLine
+from lacet.identify.selection.columns.cross_products import Extent
 from lacet.identify.selection.laws.settings import LAWS
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
@@ -70,7 +71,7 @@ def _correlations(
     space: ScoreTests, laws: Sequence[OneLine], effects: Sequence[Effect]
 ) -> list[tuple[str, str, float]]:
     """`key_of` a law, key of an effect, and the multiple correlation of the law with the effect's columns."""
-    inside, trials = space.beside([*laws, *effects], draws=False)
+    inside, trials = space.beside([*laws, *effects], Extent.TOTAL)
     normal = inside.reduced_noisy
     energy, whole = np.diag(normal), np.diag(inside.sums.total)
     out: list[tuple[str, str, float]] = []

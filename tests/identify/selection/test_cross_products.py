@@ -16,7 +16,7 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.selection.candidate import Answer
-from lacet.identify.selection.columns.cross_products import CrossProducts
+from lacet.identify.selection.columns.cross_products import CrossProducts, Extent
 from lacet.identify.selection.columns.layout import Trial
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise, regressor_labels
@@ -324,3 +324,17 @@ def test_noise_in_the_columns_is_kept_exactly(fitted: Fit, floor: NoiseFloor):
     fewer = ScoreTests.of(Linearisation.of(fitted, floor), CANDIDATES[:4], 0, back)
     assert fewer.noise is not back
     assert fewer.noise.totals["tyre.fl"].shape == 2 * (fewer.layout.width,)
+
+
+def test_fewer_sums_are_the_same_sums(fitted: Fit, floor: NoiseFloor):
+    """Partial regression and simulated runs do not depend on which other sums were made."""
+    space = ScoreTests.of(Linearisation.of(fitted, floor), CANDIDATES, 0)
+    tried = [KNOWN["anti_roll_bar.front"], KNOWN["tyre_damping.front"]]
+    every, drawn, total = (space.beside(tried, extent)[0] for extent in Extent)
+    for fewer in (drawn, total):
+        np.testing.assert_allclose(fewer.reduced, every.reduced, rtol=1e-10, atol=1e-10 * np.max(np.abs(every.reduced)))
+        assert not len(fewer.sums.over_runs.train)
+        assert not fewer.sums.over_runs.rows
+    for row, null in every.sums.over_runs.null.items():
+        np.testing.assert_allclose(drawn.sums.over_runs.null[row], null, rtol=1e-10, atol=1e-10 * np.max(np.abs(null)))
+    assert len(every.sums.over_runs.train) == SELECTION.folds

@@ -13,7 +13,7 @@ import pytest
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sums.tree import merged
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.selection.columns.cross_products import CrossProducts, SumsOfRuns
+from lacet.identify.selection.columns.cross_products import CrossProducts, Extent, SumsOfRuns
 from lacet.identify.selection.columns.layout import Layout
 from lacet.identify.selection.partial_regression import GainsTask
 from lacet.identify.validation.noise_floor import floor_of
@@ -104,7 +104,7 @@ def test_tasks_give_the_products_of_one_process(
 ) -> None:
     """Of all samples, by row, and with each run's zeros eliminated; folds are counted in each run by itself."""
     sigma = floor_of(whole, DRAWS).sigma
-    state = ProductsAt(plain, Draws(0, 0), PlainWeighting.of(local.weighting), dict(sigma), {}, 0)
+    state = ProductsAt(plain, Draws(0, 0), PlainWeighting.of(local.weighting), dict(sigma), {}, 0, Extent.ALL)
     found = over_runs(references, state, SumsOfRuns.merged)
     near(found.total, local.total)
     for row, products in local.over_runs.rows.items():

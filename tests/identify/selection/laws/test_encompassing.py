@@ -64,6 +64,20 @@ def test_a_law_that_only_describes_is_as_inexact_as_one_elsewhere(lacks_unlisted
     assert describes == pytest.approx(SELECTION.selected_inexactness**2 * law.force)
 
 
+def test_an_effect_that_looks_like_a_law_may_explain_a_part_of_the_laws_whole_force(
+    lacks_unlisted: Fit, floor: NoiseFloor
+):
+    """What nothing else explains of a law grows less as the effect joins it, and is no measure of how exact it is."""
+    _, law = with_law(lacks_unlisted, STAND_IN, floor)
+    alike = replace(law, looks_like=("another",), force=0.1 * law.force)
+    rows = sorted(law.rows)[:1]
+    whole = SELECTION.law_inexactness**2 * sum(law.row_force.values())
+    assert inexactness_of("another", law.rows, [alike]) == pytest.approx(whole)
+    assert inexactness_of("a third", law.rows, [alike]) == pytest.approx(SELECTION.law_inexactness**2 * alike.force)
+    one = SELECTION.selected_inexactness**2 * max(alike.force, law.row_force[rows[0]])
+    assert inexactness_of("another", rows, [alike]) == pytest.approx(one)
+
+
 @pytest.mark.parametrize(("key", "size"), [("damper_stroke_symmetric.front", 3e5), ("coulomb.front", 60.0)])
 def test_a_listed_law_that_is_there_stands(key: str, size: float, floor: NoiseFloor):
     """Whatever a thousand laws of no catalogue explain in its place by chance."""
