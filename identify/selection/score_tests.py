@@ -99,7 +99,8 @@ class ScoreTests:
             progress(Step(Stage.REGRESSOR_NOISE))
             noise = self.linearisation.runs.regressor_noise(self.sums, self.floor.sigma, progress)
         self.noise = noise
-        noise = noise.at(regressor_labels(self.fitted, self.layout), columns.from_grid) if columns.own else noise
+        labels = regressor_labels(self.fitted, self.layout)  # computed just now, it is that of the selected effects too
+        noise = noise if noise.labels == labels else noise.at(labels, columns.from_grid)
         self._noise_of_columns = noise
         self.noise_ratio = noise_ratio or noise_ratios(self.sums, columns.nuisance, columns.prior, columns.prior_side)
         self.column_noise = noise.products(self.sums, self.noise_ratio, self.floor.sigma)

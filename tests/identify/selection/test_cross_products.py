@@ -338,3 +338,14 @@ def test_fewer_sums_are_the_same_sums(fitted: Fit, floor: NoiseFloor):
     for row, null in every.sums.over_runs.null.items():
         np.testing.assert_allclose(drawn.sums.over_runs.null[row], null, rtol=1e-10, atol=1e-10 * np.max(np.abs(null)))
     assert len(every.sums.over_runs.train) == SELECTION.folds
+
+
+def test_noise_is_computed_beside_selected_effects_too(fitted: Fit, floor: NoiseFloor):
+    """A selected effect with the constants of its candidate has the same column, and the same noise in it."""
+    space = ScoreTests.of(Linearisation.of(fitted, floor), CANDIDATES, 0)
+    anew = ScoreTests(space.given([KNOWN["coulomb.rear"].shapes()[0]]).columns, noise_ratio=space.noise_ratio)
+    (mine,) = (trial.place for trial in anew.columns.selected)
+    candidate = next(trial.place for trial in anew.layout.trials if trial.effect.key == "coulomb.rear")
+    noise = anew.column_noise
+    assert noise[mine, mine] != 0.0
+    np.testing.assert_allclose(noise[mine], noise[candidate], rtol=0.0, atol=1e-9 * np.max(np.abs(noise[mine])))
