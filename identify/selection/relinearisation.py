@@ -103,9 +103,9 @@ def relinearised_tests(
     if recorded.runs.refittable is None or not far(remaining_latencies(recorded, np.zeros(len(tolerances)))):
         return first
     progress(Step(Stage.SCORE_TESTS))
-    found = search(first, first.family_wise(first.try_all()), progress=progress).effects
-    others = [effect for effect in found if effect.sheet_kind != "latency"]
-    if others and not far(latencies_beside(first.given(others, progress))):
+    found = search(first, first.family_wise(first.try_all()), progress=progress)
+    late = [effect.key for effect in found.effects if effect.sheet_kind == "latency"]
+    if not far(latencies_beside(found.space.releasing(late))):
         return first
     closer = relinearise(recorded, progress, SELECTION.first_order_phase)
     return ScoreTests.of(closer, candidates, seed, progress=progress)
