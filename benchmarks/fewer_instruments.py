@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import coverage
+from lacet.daq.assumptions import ASSUMABLE
 from lacet.daq.channels import CORNERS
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
@@ -54,11 +55,15 @@ UNSPRUNG = """
 unsprung_mass.front = {{ value = {0}, tolerance = 3, unit = "kg", source = "drawing" }}
 unsprung_mass.rear = {{ value = {1}, tolerance = 3, unit = "kg", source = "drawing" }}
 """
-SCALE = {
-    "mass": 'sprung_mass = {{ value = {0}, tolerance = 15, unit = "kg", source = "scales less unsprung masses" }}\n',
-    "spring": 'spring_rate.front = {{ value = {0}, tolerance = 500, unit = "N/m", source = "bench" }}\n',
+SCALE: Mapping[str, tuple[tuple[str, tuple[str, ...], float], ...]] = {
+    "mass": (("sprung_mass", ("M6",), 15.0),),
+    "spring": (("spring_rate.front", ("spring.fl.k", "spring.fr.k"), 500.0),),
+    "damper": (("damper_rate.rear", ("damper.rl.c", "damper.rr.c"), 60.0),),
+    "load": tuple((f"static_load.{c}", (f"offset.{c}.f0",), 60.0) for c in CORNERS),
+    "pitch": (("pitch_inertia", ("YY6",), 60.0),),
+    "tyre": (("tyre_rate.front", ("tyre_stiffness.fl.kt", "tyre_stiffness.fr.kt"), 6000.0),),
 }
-"""What may fix the scale where no wheel load is measured."""
+"""What may set the scale where no wheel load is measured: assumptions, parameters whose mean each is, tolerances."""
 INERTIAL = ("imu.accel", "imu.rate")
 Channels = Mapping[str, Array]
 Values = dict[str, tuple[float, float, float]]
@@ -147,6 +152,14 @@ RIGS: dict[str, StudyRig] = {
     ),
     "spring": StudyRig("no wheel load, the rate of the front springs known", no_loads, given="spring"),
     "tables": StudyRig("the paper's rig, on a car with bench tables (wrong as well)", lambda _: True, tables=True),
+    "damper": StudyRig("no wheel load, the rate of the rear dampers known to 3 %", no_loads, given="damper"),
+    "loads": StudyRig("no wheel load, the static loads of all suspensions known to 2 %", no_loads, given="load"),
+    "pitch": StudyRig("no wheel load, the moment of inertia of pitch known to 2 %", no_loads, given="pitch"),
+    "tyre": StudyRig(
+        "no wheel load, ground lasers, the stiffness of the front tyres known to 3 %",
+        lambda n: no_loads(n) or n.endswith(".ground"),
+        given="tyre",
+    ),
 }
 
 
@@ -169,8 +182,12 @@ def vehicle_of(rig: str) -> Vehicle:
     outboard = vehicle().assumption("outboard_mass", "fl").value
     unsprung = {c: of[f"M{AXLE[c]}"] + of[f"M{WHEEL[c]}"] + outboard for c in CORNERS}
     axles = (0.5 * (unsprung[f"{axle}l"] + unsprung[f"{axle}r"]) for axle in "fr")
-    value = of["M6"] if given == "mass" else 0.5 * (of["spring.fl.k"] + of["spring.fr.k"])
-    return Vehicle.parse(vehicle().text + SCALE[given].format(value) + UNSPRUNG.format(*axles))
+    lines = [
+        f"{name} = {{ value = {np.mean([of[one] for one in parameters])}, tolerance = {tolerance}, "
+        f'unit = "{ASSUMABLE[name.partition(".")[0]].unit}", source = "bench" }}\n'
+        for name, parameters, tolerance in SCALE[given]
+    ]
+    return Vehicle.parse("".join([vehicle().text, *lines]) + UNSPRUNG.format(*axles))
 
 
 @cache

@@ -39,7 +39,8 @@ class Assumable:
     """Value that may be assumed: its `unit`, default `value` and `tolerance`, `scope`, and what it is `about`.
 
     `value` is None where there is no default; `scope` is ``car``, ``axle`` or ``corner``: what has an error of its own.
-    `source` : where the default comes from.
+    `source` : where the default comes from. `sets_scale` : whether it is a parameter of the model which, where the
+    vehicle file gives it, sets the scale of all others when no wheel load is measured; it must be positive.
     """
 
     unit: str
@@ -48,6 +49,7 @@ class Assumable:
     scope: str
     about: str
     source: str
+    sets_scale: bool = False
 
 
 _CLASS = "usual in passenger cars"
@@ -150,14 +152,20 @@ ASSUMABLE: dict[str, Assumable] = {
         "kg", 38.0, 8.0, "axle", "carrier, hub, wheel and shares of the arms of one corner", _CLASS,
     ),
     "sprung_mass": Assumable(
-        "kg", None, 20.0, "car", "mass above the suspensions: what scales show, less four unsprung masses", "",
+        "kg", None, 20.0, "car", "mass above the suspensions: what scales show, less four unsprung masses", "", True,
     ),
-    "spring_rate": Assumable(
-        "N/m", None, 500.0, "axle", "rate of a spring at its wheel, where that is given and not the sprung mass", "",
+    "static_load": Assumable(
+        "N", 3200.0, 1200.0, "corner", "vertical force of a suspension at rest, at design height",
+        "sprung masses of 900 to 1800 kg", True,
     ),
-    "static_compression": Assumable(
-        "m", 0.13, 0.05, "car", "static load of a spring ÷ its rate, where only that is given",
-        "natural frequencies of 1.2 to 1.8 Hz",
+    "spring_rate": Assumable("N/m", None, 500.0, "axle", "rate of a spring at its wheel", "", True),
+    "damper_rate": Assumable("N·s/m", None, 100.0, "axle", "rate of a damper at its wheel", "", True),
+    "tyre_rate": Assumable("N/m", None, 10000.0, "axle", "vertical stiffness of a tyre", "", True),
+    "roll_inertia": Assumable(
+        "kg·m²", None, 30.0, "car", "moment of inertia of the sprung mass about the body's x axis (XX6)", "", True,
+    ),
+    "pitch_inertia": Assumable(
+        "kg·m²", None, 100.0, "car", "moment of inertia of the sprung mass about the body's y axis (YY6)", "", True,
     ),
     "table_half_track": Assumable(
         "-", 0.0, 0.005, "corner", "half track per travel beyond the bench table, outwards", _PLACES,
@@ -178,6 +186,8 @@ ASSUMABLE: dict[str, Assumable] = {
     ),
 }  # fmt: skip
 """Every value that may be assumed, by key."""
+SETS_SCALE = tuple(key for key, one in ASSUMABLE.items() if one.sets_scale)
+"""Those of which any, given, sets the scale of all parameters where no wheel load is measured."""
 
 
 def assumption_of(assumed: Mapping[str, Assumption], key: str, corner: str = "", value: float = 0.0) -> Assumption:
@@ -224,6 +234,8 @@ def read_assumptions(reader: Reader, table: Mapping[str, Any]) -> dict[str, Assu
             reader.fault(where, "tolerance must not be negative")
         if key.endswith("ratio") and value.value == 0.0:
             reader.fault(where, "must not be 0")
+        if entry.sets_scale and value.value <= 0.0:
+            reader.fault(where, "must be positive")
         out[name] = Assumption(name, value.value, spread.value, entry.unit, value.source, given=True)
     return out
 

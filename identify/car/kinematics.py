@@ -28,7 +28,7 @@ from lacet.identify.car.motion import CornerMotion, Motion
 from lacet.identify.car.road import Road, RoadPlane
 from lacet.identify.car.rows import Row
 from lacet.identify.car.sources.completion import completed
-from lacet.identify.car.sources.nominal_load import known_masses, known_springs
+from lacet.identify.car.sources.nominal_load import known_masses, known_parameters
 from lacet.identify.car.torques import Torque, suspension_torque
 from lacet.identify.car.wheel_joints import WheelJoints
 from lacet.identify.car.wheel_load import load_in_body
@@ -81,7 +81,7 @@ def build_motion(
         velocity=_velocity(values, rig, body, attitude), attitude=attitude, corners=corners,
         rows=tuple(measured.torques), left_out=measured.left_out, usable=measured.usable,
         channels=frozenset(recording.signals.value), notes=(*recording.notes, *measured.notes), ahead=measured.ahead,
-        masses=known_masses(recording), springs=known_springs(recording), road_height=road_height,
+        masses=known_masses(recording), known=known_parameters(recording), road_height=road_height,
     )  # fmt: skip
 
 

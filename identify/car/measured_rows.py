@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from lacet.daq.assumptions import SETS_SCALE
 from lacet.daq.channels import CORNERS
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import BrakingLeftOut, FlatRoad, GroundLaserOffset
@@ -19,8 +20,6 @@ from lacet.identify.car.rows import (
     RELEASED,
     ROLL_AND_PITCH,
     ROWS,
-    SPRING_RATE,
-    SPRUNG_MASS,
     Absence,
     Row,
     RowAbsence,
@@ -102,7 +101,7 @@ def available(
         absent = tuple(channel for channel in lacking if not serves(sources.get(channel), channel, row))
         torque = torque_in(row, vehicle, measured, brakes)
         if row.combined and absent and not any(c in absent for c in leading(row)):
-            left_out[row] = RowAbsence(Absence.NO_KNOWN_LOAD, (SPRUNG_MASS, SPRING_RATE))
+            left_out[row] = RowAbsence(Absence.NO_KNOWN_LOAD, SETS_SCALE)
         elif row.combined and not absent and all(one in elsewhere for one in ROLL_AND_PITCH):
             left_out[row] = RowAbsence(Absence.MEASURED_ELSEWHERE, lacking)
         elif absent:

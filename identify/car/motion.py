@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.channels import other_corner
+from lacet.identify.car.car_tree import CHASSIS
 from lacet.identify.car.rows import CHASSIS_ROWS, SUSPENSION_ROWS, Row, RowAbsence
 from lacet.identify.multibody.chain import FrameMotion
+from lacet.identify.multibody.rigid_body import PARAMETERS, wrench_regressor
 from lacet.identify.multibody.vectors import Array, cross, dot
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.reconstruct import RunNote
@@ -180,8 +182,8 @@ class Motion:
     ahead : distance of ground lasers ahead of their wheels' centres [m], negative behind: the largest in magnitude.
     masses : known masses, of ``chassis`` and ``axle.{c}`` (what is unsprung at a corner) → (N,) [kg]; empty where wheel
         loads are measured. Their inertia is on the left side.
-    springs : known rates of springs by corner → (N,) [N/m], where one stands in for a known mass. Their force is on the
-        left side, too.
+    known : known parameters by name → (N,), where one stands in for a known mass (`car.rows.PARAMETER_OF`). Their force
+        is on the left side, too.
     road_height : height of a flat road at design position above the body origin, negative [m].
 
     Examples
@@ -206,7 +208,7 @@ class Motion:
     notes: tuple[RunNote, ...] = ()
     ahead: float = 0.0
     masses: Mapping[str, Array] = field(default_factory=dict[str, Array])
-    springs: Mapping[str, Array] = field(default_factory=dict[str, Array])
+    known: Mapping[str, Array] = field(default_factory=dict[str, Array])
     road_height: float = 0.0
     _off: dict[tuple[tuple[str, ...], float, float], Motion] = field(
         default_factory=dict[tuple[tuple[str, ...], float, float], "Motion"], init=False, repr=False, compare=False
@@ -241,8 +243,8 @@ class Motion:
         Chassis rows are ΣF and Σ(M + r × F) about the body origin in body axes; a suspension row is the virtual work of
         the wheel load and of the torque on the wheel per unit of travel, and of those on the axle's other wheel where
         it moves too; a tyre row the load along the road normal; a spin row the moment and the torque about the wheel's
-        axis; a combined row a combination of these (`car.rows`). From chassis and suspension rows the inertia of known
-        masses and the force of known springs are subtracted.
+        axis; a combined row a combination of these (`car.rows`). The inertia of known masses and the force of known
+        parameters are subtracted.
         """
         if row.combined:
             return sum(
@@ -254,17 +256,16 @@ class Motion:
             if row.unit == "N":
                 own = self.masses.get("chassis", 0.0) * self.body.accel[axis]
                 return np.sum([force[axis] for force in forces.values()], axis=0) - own
-            return np.sum(
-                [c.moment[axis] + cross(c.centre, forces[name])[axis] for name, c in self.corners.items()], axis=0
-            )
+            moments = [c.moment[axis] + cross(c.centre, forces[name])[axis] for name, c in self.corners.items()]
+            return np.sum(moments, axis=0) - self._of_known_inertias(axis)
         corner = self.corners[row.place]
         if row.kind == "suspension":
             force = corner.force - self._inertia(row.place)
             own = dot(force, corner.dp_ds) + dot(corner.moment, corner.wheel_dphi_ds) + corner.torque_work
-            spring = self.springs.get(row.place, 0.0) * corner.travel
-            return own + self._work_of_other(other_corner(row.place)) - spring
+            return own + self._work_of_other(other_corner(row.place)) - self._of_known_suspension(row.place)
         if row.kind == "tyre":
-            return dot(corner.force, corner.normal)
+            known = self.known.get(f"tyre_stiffness.{row.place}.kt", 0.0) * corner.deflection
+            return dot(corner.force, corner.normal) - known
         return dot(corner.moment, corner.spin_axis) + corner.torque
 
     def _work_of_other(self, name: str) -> Array | float:
@@ -275,6 +276,21 @@ class Motion:
         force = wheel.force - self._inertia(name)
         turning = dot(wheel.moment, wheel.other_wheel_dphi_ds) + wheel.other_torque_work
         return dot(force, wheel.other_dp_ds) + turning
+
+    def _of_known_suspension(self, name: str) -> Array | float:
+        """(N,) force of the known spring, damper and static load at a corner [N]."""
+        corner = self.corners[name]
+        names = (f"spring.{name}.k", f"damper.{name}.c", f"offset.{name}.f0")
+        k, c, f0 = (self.known.get(parameter, 0.0) for parameter in names)
+        return k * corner.travel + c * corner.rate + f0
+
+    def _of_known_inertias(self, axis: int) -> Array | float:
+        """(N,) moment about the body's axis of the sprung mass' known moments of inertia [N·m]."""
+        known = {k: self.known[f"{kind}{CHASSIS}"] for k, kind in _INERTIAS.items() if f"{kind}{CHASSIS}" in self.known}
+        if not known:
+            return 0.0
+        table = wrench_regressor(self.body.omega, self.body.omega_dot, self.body.accel)[3 + axis]
+        return np.sum([value * table[k] for k, value in known.items()], axis=0)
 
     def _inertia(self, corner: str) -> Array | float:
         """(3, N) mass × specific force of what is unsprung at a corner, where its mass is known [N]; else 0."""
@@ -319,6 +335,8 @@ class Motion:
         return out
 
 
+_INERTIAS = {PARAMETERS.index(kind): kind for kind in ("XX", "YY")}
+"""Moments of inertia that may be known, by their place among a body's parameters."""
 _BALANCED: Mapping[str, tuple[int | None, int, int | None, float]] = {
     # Of a body row: place in `CHASSIS_ROWS` of the horizontal force, and of the row itself; axis of the wheel centres'
     # lever, and its sign.

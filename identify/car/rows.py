@@ -17,7 +17,8 @@ loads are ``contact`` loads, of those inboard of the transducer where they are `
 - ``tyre.{c}``: F·e = kt δ (``contact``), F·e = kt δ − m_out a·e (``hub``), δ = R0 − h/√(1 − (n·e)²).
 - ``spin.{c}``: n·M + T_shaft − T_brake = I ω̇, ω̇ in space: that of the wheel on its carrier and of the carrier.
 - ``body.heave``, ``body.roll``, ``body.pitch``: combinations of chassis and suspension rows in which vertical forces
-  of the wheels cancel (`Motion.weights`). They are formed where no wheel load is measured and the sprung mass is known.
+  of the wheels cancel (`Motion.weights`). They are formed where no wheel load is measured and the sprung mass, or
+  another parameter, is given.
 - ``corner.{c}``: likewise of the suspension and the tyre row: the wheel's load by its tyre's deflection.
 
 Torques are positive when they drive (shaft) and when they slow (brake) a wheel that rolls forward. Docs: rows.md.
@@ -25,7 +26,7 @@ Torques are positive when they drive (shaft) and when they slow (brake) a wheel 
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from enum import Enum, auto
 
@@ -100,8 +101,17 @@ _BY_TEXT: dict[str, Row] = {str(row): row for row in ROWS}
 
 ROLL_AND_PITCH = (CHASSIS_ROWS[3], CHASSIS_ROWS[4])
 """The chassis' rows that no run without wheel loads on the move has."""
-SPRUNG_MASS, SPRING_RATE = "sprung_mass", "spring_rate"
-"""Assumptions either of which fixes the scale of all parameters where no load is measured (`daq.assumptions`)."""
+SPRUNG_MASS = "sprung_mass"
+"""Assumption that sets the scale of all parameters where no load is measured; a parameter does too (`PARAMETER_OF`)."""
+PARAMETER_OF: Mapping[str, str] = {
+    "static_load": "offset.{c}.f0", "spring_rate": "spring.{c}.k", "damper_rate": "damper.{c}.c",
+    "tyre_rate": "tyre_stiffness.{c}.kt", "roll_inertia": "XX6",
+    "pitch_inertia": "YY6",
+}  # fmt: skip
+"""Assumption that does so → name of the parameter that it is, with the corner to be filled in.
+
+Not an anti-roll bar: it differs from springs of another scale by the damping of roll alone, and a fit with one bar
+given has half the true mass."""
 
 PRESSURE = "brake.pressure"
 """Channel that shows whether the brakes are applied."""
@@ -136,7 +146,7 @@ class Absence(Enum):
     MEASURED_ELSEWHERE = auto()
     """The row would need assumptions on this run, and another run measures it."""
     NO_KNOWN_LOAD = auto()
-    """All terms of the row are in proportion to unknown parameters; the sprung mass or a spring must be given."""
+    """All terms of the row are in proportion to unknown parameters, of which one must be given."""
 
 
 @dataclass(frozen=True)

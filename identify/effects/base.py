@@ -273,8 +273,23 @@ class PhysicalEffect(Effect):
 
 
 def columns_by_row(effect: PhysicalEffect, motion: Motion) -> dict[Row, Array]:
-    """Regressor columns of an effect, row → (p, N). Raises UsageError where a key of them is no row."""
-    return motion.with_body_rows({Row.parse(text): table for text, table in effect.columns(motion).items()})
+    """Regressor columns of an effect, row → (p, N), 0 for parameters whose value the motion knows.
+
+    Raises UsageError where a key of them is no row.
+    """
+    columns = effect.columns(motion)
+    if (free := free_parameters(effect, motion)) is not None:
+        columns = {text: free[:, None] * table for text, table in columns.items()}
+    return motion.with_body_rows({Row.parse(text): table for text, table in columns.items()})
+
+
+def free_parameters(effect: PhysicalEffect, motion: Motion) -> Array | None:
+    """(p,) 0 for each parameter of an effect whose value the motion knows, else 1; None where it knows none.
+
+    The force of the former is on the left side (`Motion.measured`).
+    """
+    free = np.array([parameter.name not in motion.known for parameter in effect.parameters], float)
+    return None if np.all(free) else free
 
 
 class Bend(Enum):

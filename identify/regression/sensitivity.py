@@ -20,7 +20,7 @@ from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.measured_rows import MeasuredRows
 from lacet.identify.car.motion import Motion
 from lacet.identify.car.rows import Row
-from lacet.identify.effects.base import PhysicalEffect, SensorFault, with_places
+from lacet.identify.effects.base import PhysicalEffect, SensorFault, free_parameters, with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import derivative
 from lacet.identify.signals.noise_draws import draw_noise, draw_noises
@@ -72,7 +72,9 @@ def residual(motion: Motion, effects: Sequence[PhysicalEffect], values: Array) -
     """Residual Y − W θ at full rate, row → (N,) [N or N·m], from the effects' force laws."""
     out: dict[Row, Array] = {row: motion.measured(row).copy() for row in motion.rows}
     for effect, place in with_places(effects):
-        forces = {Row.parse(text): force for text, force in effect.force(motion, values[place]).items()}
+        free, theta = free_parameters(effect, motion), values[place]
+        found = effect.force(motion, theta if free is None else free * theta)
+        forces = {Row.parse(text): force for text, force in found.items()}
         for row, force in motion.with_body_rows(forces).items():
             if row in out:
                 out[row] -= force

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lacet.daq.channels import CORNERS
-from lacet.identify.car.car_tree import AXLE, CHASSIS, WHEEL
-from lacet.identify.car.rows import SPRING_RATE, SPRUNG_MASS, Row, RowAbsence
+from lacet.identify.car.car_tree import CHASSIS
+from lacet.identify.car.rows import SPRUNG_MASS, Row, RowAbsence
+from lacet.identify.car.sources.nominal_load import given_parameters
 from lacet.identify.effects.base import Effect, columns_by_row
 from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.vectors import Array
@@ -80,7 +80,7 @@ class SeenAside:
 
 @dataclass(frozen=True)
 class GivenBeforehand:
-    """The parameter, a mass or a spring's rate, is given as `assumption`: no wheel load is measured."""
+    """The parameter is given as `assumption`: no wheel load is measured."""
 
     assumption: str
 
@@ -221,15 +221,10 @@ def _grouped(fitted: FittedModel, i: int, effect: Effect, runs: Sequence[Prepare
 
 
 def _given(name: str, runs: Sequence[PreparedRun]) -> str:
-    """Assumption that gives a mass or a spring's rate where no wheel load is measured; empty without one."""
+    """Assumption that gives a parameter where no wheel load is measured; empty without one."""
     if not runs:
         return ""
-    motion, vehicle = runs[0].kept_motion, runs[0].recording.vehicle
-    masses = {"M6": SPRUNG_MASS} if "chassis" in motion.masses else {}
-    masses |= {f"spring.{c}.k": vehicle.assumption(SPRING_RATE, c).name for c in motion.springs}
-    for c in CORNERS if masses else ():
-        masses |= dict.fromkeys((f"M{AXLE[c]}", f"M{WHEEL[c]}"), vehicle.assumption("unsprung_mass", c).name)
-    return masses.get(name, "")
+    return given_parameters(runs[0].recording).get(name, "")
 
 
 def _rows_absent(runs: Sequence[PreparedRun], effect: Effect) -> RowsAbsent | None:

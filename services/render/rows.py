@@ -51,7 +51,7 @@ def row_absence(why: RowAbsence) -> str:
         case Absence.NO_KNOWN_LOAD:
             return (
                 "without wheel loads every parameter is known up to one common factor: "
-                f"give {' or '.join(why.channels)} in [assumed] of the vehicle file, with its tolerance"
+                f"give one of {', '.join(why.channels)} in [assumed] of the vehicle file, with its tolerance"
             )
         case Absence.BRAKES_ALWAYS:
             return f"the brakes act all the time ({first}) and the torques on this wheel are not all measured"

@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from lacet.daq.assumptions import Assumption
-from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.daq.channels import CHANNELS, CORNERS, other_corner
 from lacet.daq.vehicle import Corner
-from lacet.identify.car.rows import SPRING_RATE, SPRUNG_MASS
+from lacet.identify.car.rows import PARAMETER_OF, SPRUNG_MASS
 from lacet.identify.car.sources.attitude import attitude_by_gravity
 from lacet.identify.car.sources.car_bus import LATERAL, YAW_RATE, BusAccel, BusRates
 from lacet.identify.car.sources.nominal_load import NominalLoad
@@ -30,14 +30,13 @@ SPEEDS = ("correvit.speed", "car.speed", "gnss.speed")
 LEAST_LOAD = 100.0
 """Mean load of a wheel below which its travel is not taken from its load [N]."""
 _INERTIAL = ("imu.accel", "imu.rate")
-_OF_ANOTHER = 0.3
-"""1 σ of a spring's rate ÷ that of another axle's spring, for the horizontal forces of a corner whose is not known."""
 
 
 def completed(recording: Recording) -> Recording:
     """The recording with sources for the channels that it lacks; itself where it lacks none.
 
-    Nothing that is measured is replaced. Without wheel forces, and without a given sprung mass, nothing is assumed.
+    Nothing that is measured is replaced. Without wheel forces, and without a mass or parameter given, nothing is
+    assumed.
     """
     if recording.laws or recording.sources or recording.tables:
         return recording
@@ -168,26 +167,39 @@ class _Completion:
         elif self._has(load := f"scale.{c}.load"):
             kinds = (Kind.ASSUMED, Kind.ASSUMED, Kind.MEASURED)
             self._add(LoadCell(corner, load, rig, *shares, outboard), Method.SCALE, kinds, (load, *_INERTIAL))
-        elif self._no_load and (known := self._known_scale(c)):
+        elif self._no_load and ((sprung := self._assume(SPRUNG_MASS)).given or self._given_parameters):
             law = NominalLoad(
-                corner, rig, *known, self._assume("static_compression"), self._assume("unsprung_mass", c), outboard,
-                self._assume("load_transfer", c), *shares,
+                corner, rig, sprung if sprung.given else None, self._assume("static_load", c), self._given_parameters,
+                self._assume("unsprung_mass", c), outboard, self._assume("load_transfer", c), *shares,
             )  # fmt: skip
             self._add(
                 law, Method.NOMINAL_LOAD, self._all(law.channel, Kind.ASSUMED), _INERTIAL, "chassis", "suspension",
                 "tyre", "spin",
             )  # fmt: skip
 
-    def _known_scale(self, c: str) -> tuple[Assumption | None, Assumption | None] | None:
-        """The sprung mass, or without it the rate of a corner's spring: its own, else that of a known one."""
-        if (sprung := self._assume(SPRUNG_MASS)).given:
-            return sprung, None
-        springs = {one: self._assume(SPRING_RATE, one) for one in (c, *CORNERS)}
-        given = [one for one in springs.values() if one.given]
-        if not given:
-            return None
-        own = springs[c]
-        return None, own if own.given else replace(own, value=given[0].value, tolerance=_OF_ANOTHER * given[0].value)
+    @cached_property
+    def _given_parameters(self) -> tuple[tuple[str, Assumption], ...]:
+        """Parameters that the vehicle file gives and that set the scale of this rig's rows, by name."""
+        found = {
+            name.format(c=c): one
+            for key, name in PARAMETER_OF.items()
+            for c in CORNERS
+            if (one := self._assume(key, c)).given and self._sets_scale(key, c)
+        }
+        return tuple(found.items())
+
+    def _sets_scale(self, key: str, c: str) -> bool:
+        """Whether a parameter given at a corner can set the scale.
+
+        The static load of one wheel cannot, as the other three can cancel it by cross-weight (+ − − +), which moves no
+        row; those of an axle can. A tyre's stiffness is in the row with its deflection alone.
+        """
+        if key == "static_load":
+            return self._assume(key, other_corner(c)).given
+        if key != "tyre_rate":
+            return True
+        grounds = [f"laser.{one}.ground" for one in CORNERS if self._has(f"laser.{one}.ground")]
+        return f"laser.{c}.ground" in grounds and (len(grounds) >= 3 or self._known("imu.attitude"))
 
     @property
     def _no_load(self) -> bool:

@@ -10,6 +10,7 @@ from lacet.daq.assumptions import Assumption
 from lacet.daq.channels import CORNERS
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Corner
+from lacet.identify.car.car_tree import AXLE, CHASSIS, WHEEL
 from lacet.identify.car.sources.wheel_force import GRAVITY, corner_motion, inboard_mass, shares
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.reconstruct import Recording, Signals
@@ -25,15 +26,15 @@ class NominalLoad(Law[Signals]):
     from their mean, and what the slopes of the bench tables take. `outboard` : mass outside the transducer, which hub
     loads do not carry; None for contact loads.
 
-    What is known above the suspension is the car's `sprung` mass, or the rate of the corner's own `spring` and its
-    static `compression`: then the sprung mass is a parameter.
+    What is known above the suspension is the car's `sprung` mass, or the corner's `static` load where `known`
+    parameters, by name, set the scale: then the sprung mass is a parameter.
     """
 
     corner: Corner
     rig: Rig
     sprung: Assumption | None
-    spring: Assumption | None
-    compression: Assumption
+    static: Assumption
+    known: tuple[tuple[str, Assumption], ...]
     unsprung: Assumption
     outboard: Assumption | None
     transfer: Assumption
@@ -47,8 +48,8 @@ class NominalLoad(Law[Signals]):
 
     @property
     def assumptions(self) -> tuple[Assumption, ...]:
-        """Masses or the spring, load transfer, shares of the horizontal forces."""
-        above = (self.sprung,) if self.sprung else (self.spring, self.compression)
+        """Masses or the known parameters, load transfer, shares of the horizontal forces."""
+        above = (self.sprung,) if self.sprung else (self.static, *(one for _, one in self.known))
         every = (*above, self.unsprung, self.outboard, self.transfer, self.lateral, self.longitudinal)
         return tuple(one for one in every if one is not None)
 
@@ -68,18 +69,26 @@ class NominalLoad(Law[Signals]):
         """(N,) sprung mass that the corner carries at rest [kg]."""
         if self.sprung is not None:
             return signals.assumed[self.sprung.name][0] / len(CORNERS)
-        assert self.spring is not None
-        return signals.assumed[self.spring.name][0] * signals.assumed[self.compression.name][0] / GRAVITY
+        return signals.assumed[self.static.name][0] / GRAVITY
 
 
-def known_springs(recording: Recording) -> dict[str, Array]:
-    """Known rates of springs where they stand in for a known mass, by corner → (N,) [N/m]; else empty."""
+def known_parameters(recording: Recording) -> dict[str, Array]:
+    """Known parameters that stand in for a known mass: name → (N,); empty where wheel loads or the mass are known."""
     assumed = recording.signals.assumed
-    return {
-        law.corner.name: assumed[law.spring.name][0]
-        for law in recording.laws
-        if isinstance(law, NominalLoad) and law.spring is not None and law.spring.given
-    }
+    laws = [law for law in recording.laws if isinstance(law, NominalLoad) and law.sprung is None]
+    return {name: assumed[one.name][0] for law in laws for name, one in law.known}
+
+
+def given_parameters(recording: Recording) -> dict[str, str]:
+    """Parameters that are none to be fitted, as no wheel load is measured: name → the assumption that gives it."""
+    out: dict[str, str] = {}
+    for law in recording.laws:
+        if isinstance(law, NominalLoad):
+            c = law.corner.name
+            out |= dict.fromkeys((f"M{AXLE[c]}", f"M{WHEEL[c]}"), law.unsprung.name)
+            above = law.known if law.sprung is None else ((f"M{CHASSIS}", law.sprung),)
+            out |= {name: one.name for name, one in above}
+    return out
 
 
 def known_masses(recording: Recording) -> dict[str, Array]:

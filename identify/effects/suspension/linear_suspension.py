@@ -7,7 +7,6 @@ from typing import Self
 import numpy as np
 
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.car.motion import Motion
 from lacet.identify.effects.base import Parameter, SuspensionForce
 from lacet.identify.multibody.vectors import Array
 
@@ -36,11 +35,6 @@ class Spring(_PerCorner):
     def parameters(self) -> tuple[Parameter, ...]:
         """Wheel rate k."""
         return (self.named("k", "N/m", 0.0, 2e5, "positive"),)
-
-    def columns(self, motion: Motion) -> dict[str, Array]:
-        """Travel; 0 where the spring's rate is known, whose force is then on the left side."""
-        known = 0.0 if self.where in motion.springs else 1.0
-        return {row: known * table for row, table in super().columns(motion).items()}
 
     def law(self, travel: Array, rate: Array) -> Array:
         """s."""

@@ -10,12 +10,24 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lacet.daq.assumptions import ASSUMABLE, SETS_SCALE
 from lacet.daq.channels import CORNERS
+from lacet.daq.errors import LacetError
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import build_motion
-from lacet.identify.car.rows import BODY_ROWS, CHASSIS_ROWS, CORNER_ROWS, SUSPENSION_ROWS, Absence, body_levers
+from lacet.identify.car.rows import (
+    BODY_ROWS,
+    CHASSIS_ROWS,
+    CORNER_ROWS,
+    PARAMETER_OF,
+    SPRUNG_MASS,
+    SUSPENSION_ROWS,
+    Absence,
+    body_levers,
+)
 from lacet.identify.effects.catalogue import base_model, catalogue
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.vectors import cross
 from lacet.identify.properties.derived import derived_values
 from lacet.identify.regression.model import Model
@@ -28,7 +40,7 @@ from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.validation.channels.fault_columns import FaultColumns
 from lacet.identify.validation.channels.single_faults import column_faults
 from lacet.identify.validation.noise_floor import floor_of
-from lacet.identify.validation.parameter_estimates import SeenAside, estimates
+from lacet.identify.validation.parameter_estimates import GivenBeforehand, SeenAside, estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.row_sources import RowKind, row_sources
 from lacet.services.render.identifiability import unidentified
@@ -80,7 +92,10 @@ def found() -> Fit:
 
 @pytest.mark.parametrize("reference", ["contact", "hub"])
 def test_true_loads_fulfil_the_rows_and_vertical_forces_cancel(reference: str) -> None:
-    """Loads that fulfil all rows of a model fulfil the body's with every mass on the left; F_z moves none of them."""
+    """Loads that fulfil all rows of a model fulfil the body's with every mass on the left; F_z moves none of them.
+
+    Likewise with a parameter on the left and the sprung mass on the right, whatever value the model has of the former.
+    """
     rng = np.random.default_rng(3)
     rig, t = cars.in_reference(RIG, reference), np.arange(100) / cars.RATE
     model = Model.of(base_model(CAR, reference))
@@ -96,6 +111,14 @@ def test_true_loads_fulfil_the_rows_and_vertical_forces_cancel(reference: str) -
     body = replace(loaded, rows=combined, masses={**masses, "chassis": np.full(t.size, value["M6"])})
     for row, series in residual(body, model.physics, theta).items():
         assert np.max(np.abs(series)) < 1e-12 * np.max(np.abs(body.measured(row))) + 5e-9, row
+    for name in ("offset.fl.f0", "spring.rr.k", "damper.fr.c", "tyre_stiffness.rl.kt", "XX6", "YY6"):
+        of = model.names.index(name)
+        given = replace(body, masses=masses, known={name: np.full(t.size, theta[of])})
+        without = np.where(np.arange(theta.size) == of, 0.0, theta)
+        assert any(np.any(series) for series in residual(replace(given, known={}), model.physics, without).values())
+        for values in (theta, without):
+            for row, series in residual(given, model.physics, values).items():
+                assert np.max(np.abs(series)) < 1e-12 * np.max(np.abs(body.measured(row))) + 5e-9, (name, row)
     more = {
         c: replace(corner, force=corner.force + np.outer([0.0, 0.0, 1.0], rng.normal(0, 3000, t.size)))
         for c, corner in body.corners.items()
@@ -200,22 +223,73 @@ def test_every_parameter_is_in_proportion_to_the_mass() -> None:
         assert heavier.value(name) == pytest.approx(1.1 * found().value(name), rel=1e-3)
 
 
-def test_a_spring_s_known_rate_sets_the_scale(truth: dict[str, Any]) -> None:
-    """In place of the sprung mass, which is then identified; the spring is none of the parameters."""
-    given = """
-[assumed]
-spring_rate.front = { value = 24000, tolerance = 500, unit = "N/m", source = "bench" }
-unsprung_mass.front = { value = 56, tolerance = 3, unit = "kg", source = "drawing" }
-unsprung_mass.rear = { value = 48, tolerance = 3, unit = "kg", source = "drawing" }
-"""
-    fitted, right = fitted_to(moving(), Vehicle.parse(CAR.text + given)), {**expected(truth), "M6": 1270.0}
+GIVEN = {
+    "spring_rate.front": (("spring.fl.k", "spring.fr.k"), 500.0),
+    "damper_rate.rear": (("damper.rl.c", "damper.rr.c"), 40.0),
+    "static_load.front": (("offset.fl.f0", "offset.fr.f0"), 30.0),
+    "tyre_rate.front": (("tyre_stiffness.fl.kt", "tyre_stiffness.fr.kt"), 4000.0),
+    "roll_inertia": (("XX6",), 10.0),
+    "pitch_inertia": (("YY6",), 60.0),
+}
+"""Assumption that may set the scale → the parameters that it gives, its tolerance."""
+
+
+def giving(name: str, value: float) -> Vehicle:
+    """The reference car with its unsprung masses and a parameter stated, not its sprung mass."""
+    stated = with_mass().text.splitlines(keepends=True)
+    unsprung = "".join(part for part in stated if not part.startswith("sprung_mass"))
+    return Vehicle.parse(unsprung + _line(name, value, GIVEN[name][1]))
+
+
+def _line(name: str, value: float, tolerance: float = 10.0) -> str:
+    unit = ASSUMABLE[name.partition(".")[0]].unit
+    return f'{name} = {{ value = {value}, tolerance = {tolerance}, unit = "{unit}", source = "bench" }}\n'
+
+
+def all_true(truth: dict[str, Any]) -> dict[str, float]:
+    """Parameters of the reference car; inertia of the sprung mass alone, about the body's origin."""
+    body, (x, y, z) = truth["chassis"], truth["chassis"]["cog_m"]
+    mass = body["mass_kg"]
+    inertia = {"XX6": body["Ixx"] + mass * (y * y + z * z), "YY6": body["Iyy"] + mass * (x * x + z * z)}
+    loads = {f"offset.{c}.f0": load for c, load in truth["static_suspension_load_N"].items()}
+    return {**expected(truth), **loads, **inertia, "M6": mass}
+
+
+@pytest.mark.parametrize("name", GIVEN)
+def test_any_parameter_given_sets_the_scale(name: str, truth: dict[str, Any]) -> None:
+    """In place of the sprung mass, which is then identified; what is given is none of the parameters.
+
+    Its tolerance is in the intervals of the others.
+    """
+    right, (parameters, tolerance), runs = all_true(truth), GIVEN[name], moving()
+    if name == "tyre_rate.front":
+        runs = tuple(without_loads(one, 5.0, 20.0, ".ground") for one in ("sine", "liftoff"))
+    fitted = fitted_to(runs, giving(name, right[parameters[0]]))
     every = {e.name: e for e in estimates(fitted, None, fitted.runs)}
-    assert fitted.rows == BODY_ROWS
-    assert "spring_rate.front" in unidentified(every["spring.fl.k"].why)
-    for name in ("M6", "spring.rl.k", "spring.rr.k", "damper.fl.c", "damper.rr.c", *(f"{key}.k" for key in BARS)):
-        assert every[name].identifiable
-        assert abs(every[name].value - right[name]) < every[name].half_sheet < 0.3 * right[name], name
-    assert every["M6"].half_sheet > 2.0 * 500 / 24000 * 1270.0 > 3.0 * every["M6"].half
+    assert {*BODY_ROWS} <= {*fitted.rows}
+    for parameter in parameters:
+        assert isinstance(why := every[parameter].why, GivenBeforehand)
+        assert why.assumption.startswith(name.partition(".")[0])
+    for one in {"M6", "spring.fl.k", "spring.rl.k", "damper.fl.c", "damper.rr.c"} - {*parameters}:
+        assert every[one].identifiable, one
+        assert abs(every[one].value - right[one]) < 1.2 * every[one].half_sheet < 0.4 * right[one], one
+    share = TWO_SIDED_95 * tolerance / right[parameters[0]]
+    at_least = every["spring.rr.k"].half_sheet / right["spring.rr.k"]
+    assert at_least > (0.2 if name.startswith("static") else 0.9) * share
+
+
+def test_a_given_parameter_counts_where_its_row_is_formed() -> None:
+    """A tyre's stiffness needs a ground laser, static loads those of an axle; no value is 0."""
+    tyre = giving("tyre_rate.front", 220_000.0)
+    bare, seen = (PreparedRun.of(without_loads("sine", 5.0, 8.0, *more), tyre, RIG) for more in ((), (".ground",)))
+    assert bare.rows == ()
+    assert seen.rows == (*BODY_ROWS, *CORNER_ROWS)
+    diagonal = Vehicle.parse(
+        CAR.text + "[assumed]\n" + "".join(_line(f"static_load.{c}", 3000.0) for c in ("fl", "rr"))
+    )
+    assert PreparedRun.of(without_loads("sine", 5.0, 8.0), diagonal, RIG).rows == ()
+    with pytest.raises(LacetError, match="must be positive"):
+        giving("damper_rate.rear", 0.0)
 
 
 def test_ground_lasers_part_the_bars_and_give_tyres_and_static_loads(truth: dict[str, Any]) -> None:
@@ -258,7 +332,8 @@ def test_what_is_impossible_is_named() -> None:
     assert refused.rows == ()
     left_out = refused.measured_rows.left_out
     assert {left_out[row].cause for row in BODY_ROWS} == {Absence.NO_KNOWN_LOAD}
-    assert "give sprung_mass or spring_rate" in no_rows(left_out)
+    assert "give one of sprung_mass, static_load, spring_rate" in no_rows(left_out)
+    assert {SPRUNG_MASS, *PARAMETER_OF} == {*SETS_SCALE}
     assert not [law for law in refused.recording.laws if law.channel.startswith("wheel.")]
 
 
