@@ -24,7 +24,7 @@ import numpy as np
 
 from lacet.services.commands.__main__ import main as command
 from lacet.services.one_thread import one_thread
-from lacet.services.render.tables import number
+from lacet.services.render.intervals import half_width, to_interval
 
 RESULTS = Path(__file__).with_suffix(".jsonl")
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks" / "second-car-seeds.md"
@@ -77,11 +77,11 @@ def page(trials: Sequence[dict[str, Any]]) -> str:
         for name, each in zip(some, of, strict=True):
             error = np.array([line[2] - line[1] for line in each])
             half = float(np.mean([line[3] for line in each]))
-            spread = f" ± {number(float(np.std(error, ddof=1)), half)}" if len(error) > 1 else ""
-            mean = number(float(np.mean(error)), half)
+            spread = f" ± {to_interval(float(np.std(error, ddof=1)), half)}" if len(error) > 1 else ""
+            mean = to_interval(float(np.mean(error)), half)
             rows.append(
-                f"| {name[2:]} | {each[0][0]} | {number(each[0][1], half)} | {mean}{spread} "
-                f"| {number(half, half)} | {sum(line[4] for line in each)} of {len(each)} "
+                f"| {name[2:]} | {each[0][0]} | {to_interval(each[0][1], half)} | {mean}{spread} "
+                f"| {half_width(half)} | {sum(line[4] for line in each)} of {len(each)} "
                 f"| {sum(line[5] for line in each)} of {len(each)} |"
             )
         parts.append("\n".join(rows))

@@ -12,6 +12,7 @@ from lacet.daq.formats.result import DONE, write_result
 from lacet.identify.effects.catalogue import find_effect
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
+from lacet.services.render.intervals import with_interval
 from lacet.services.render.verdicts import print_change
 from lacet.services.workspace.results import change_result
 from lacet.services.workspace.session import Session
@@ -63,8 +64,7 @@ def run(args: argparse.Namespace) -> int:
     names = {p.name for p in effect.parameters}
     for p in after.result["parameters"]:
         if p["name"] in names:
-            value, half = tables.number(p["value"], p["half95"]), tables.number(p["half95"], p["half95"])
-            print(f"  {p['name']} = {value} ± {half} {p['unit']}")
+            print(f"  {p['name']} = {with_interval(p['value'], p['half95'])} {p['unit']}")
     for name, constant in after.effects[key].items():
         print(f"  {key}.{name} = {constant:.3g} (SI{'' if shape else ', as these runs show it'})")
     for p in after.result["not_identifiable"]:

@@ -22,6 +22,7 @@ from lacet.identify.validation.score import failing_rows, pooled_ratio, worst_ro
 from lacet.services.commands import decode
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
+from lacet.services.render.intervals import with_interval
 from lacet.services.render.verdicts import print_change, print_diagnosis
 from lacet.services.workspace.loading import find_rig, find_vehicle
 from lacet.services.workspace.report import write_report
@@ -205,7 +206,7 @@ def _report_of_worker(out: Path) -> None:
     if mass is not None:
         print(
             f"   The worker fitted the base model to this run alone: {len(result['parameters'])} parameters, "
-            f"mass {tables.number(mass['value'], mass['half95'])} ± {tables.number(mass['half95'], mass['half95'])} kg."
+            f"mass {with_interval(mass['value'], mass['half95'])} kg."
         )
 
 

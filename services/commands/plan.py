@@ -36,6 +36,7 @@ from lacet.services.planning.simulated_plans import (
 )
 from lacet.services.progress import ServiceStage, ServiceStep, Stretch, planned
 from lacet.services.render import tables
+from lacet.services.render.intervals import half_width
 from lacet.services.timing.memory import FILE
 from lacet.services.timing.usual import PLANNED_RUNS, stretch
 from lacet.services.workspace.kept.study_plans import StudyPlan
@@ -293,11 +294,7 @@ def _sentence(runs: Sequence[PlannedRun], ranking: Ranking, measured: bool) -> s
 
 
 def _arrow(name: str, before: float, after: float, unit: str) -> str:
-    return f"{name} ± {_two(before)} → ± {_two(after)} {unit}"
-
-
-def _two(value: float) -> str:
-    return tables.number(value, value) if value < 1e5 else f"{value:.2g}"
+    return f"{name} ± {half_width(before)} → ± {half_width(after)} {unit}"
 
 
 def _print(result: Mapping[str, Any], most: int) -> None:
@@ -315,7 +312,10 @@ def _print(result: Mapping[str, Any], most: int) -> None:
         print(tables.table(["", "run", "s", "÷", "what shrinks most"], lines, text_columns=2))
     if result["best"]:
         shrinks = result["best"]["shrinks"]
-        rows = [[s["name"], _two(s["before"]), _two(s["after"]), s["unit"], f"{s['factor']:.1f}"] for s in shrinks]
+        rows = [
+            [s["name"], half_width(s["before"]), half_width(s["after"]), s["unit"], f"{s['factor']:.1f}"]
+            for s in shrinks
+        ]
         title = f"\nWhat {result['best']['duration']:.0f} s of the first would do:"
         print(f"{title}\n{tables.table(['', '± now', '± then', 'unit', '÷'], rows)}")
     if result["out_of_reach"]:

@@ -18,6 +18,7 @@ from lacet.identify.properties.completion import Completion, complete_bodies
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.parameter_estimates import Estimate, estimates
 from lacet.services.planning.nominal_car import CLASS, known_values, planned_car
+from lacet.services.render.intervals import to_interval, with_interval
 from lacet.simulate.cars import Axle, Inertia
 
 
@@ -150,7 +151,8 @@ def _identified(bodies: Completion, found: dict[str, Estimate]) -> Iterator[str]
         )
     for words, value in bodies.held.items():
         one = found[words.split(" ")[0]]
-        yield f"{words} = {value:.6g} ± {one.half:.2g} {one.unit} (fit: {bodies.fitted[words]:.6g})"
+        fit = to_interval(bodies.fitted[words], one.half)
+        yield f"{words} = {with_interval(value, one.half)} {one.unit} (fit: {fit})"
 
 
 class _Laws:

@@ -9,6 +9,7 @@ from typing import Any
 
 from lacet.daq.errors import UsageError
 from lacet.daq.vehicle import Vehicle
+from lacet.services.render.intervals import half_width
 
 
 def vehicle_text(vehicle: Vehicle, result: Mapping[str, Any], title: str) -> str:
@@ -27,7 +28,7 @@ def vehicle_text(vehicle: Vehicle, result: Mapping[str, Any], title: str) -> str
         if name not in found:
             lines.append(_entry(name, value=old.value, unit=old.unit, source=old.source))
     for name, (one, group) in found.items():
-        note = f"95 % interval ± {one['half95']:.3g}, with the sensor sheet ± {one['half95_sheet']:.3g}"
+        note = f"95 % interval ± {half_width(one['half95'])}, with the sensor sheet ± {half_width(one['half95_sheet'])}"
         lines.append(_entry(name, value=one["value"], unit=one["unit"], source=title + group, note=note))
     text = "\n".join(lines) + "\n"
     again = Vehicle.parse(text, "exported vehicle")

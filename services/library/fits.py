@@ -31,6 +31,7 @@ from lacet.services.library.pictures import Picture, drawn
 from lacet.services.library.runs import Runs
 from lacet.services.one_thread import one_thread
 from lacet.services.render import tables
+from lacet.services.render.intervals import half_width, to_interval, with_interval
 from lacet.services.render.progress import in_words
 from lacet.services.workspace.results import fit_result
 
@@ -177,15 +178,12 @@ class Fit:
             f"Fit of the base model{''.join(f' + {key}' for key in added)} to {', '.join(self.runs.names)}: "
             f"{len(known)} of {len(self.parameters)} parameters identified"
         )
-        lines = [
-            f"  {one.name} = {tables.number(one.value, one.half)} ± {tables.number(one.half, one.half)} {one.unit}"
-            for one in known
-        ]
+        lines = [f"  {one.name} = {with_interval(one.value, one.half)} {one.unit}" for one in known]
         return shortened("\n".join([head, *lines]))
 
     def _repr_html_(self) -> str:
         rows = [
-            [one.name, tables.number(one.value, one.half), f"{one.half:.2g}", f"{one.half_sheet:.2g}", one.unit]
+            [one.name, to_interval(one.value, one.half), half_width(one.half), half_width(one.half_sheet), one.unit]
             for one in self.parameters
             if one.identifiable
         ]

@@ -9,6 +9,7 @@ from lacet.identify.chains.fit import ChainFit
 from lacet.identify.chains.ranking import ChainRanking
 from lacet.identify.chains.scores import JointScore
 from lacet.identify.multibody.rigid_body import PARAMETERS, UNITS
+from lacet.services.render.intervals import half_width, to_interval
 
 _UNITS = {
     "IA": ("kg·m²", "kg"), "FV": ("N·m·s/rad", "N·s/m"), "FVA": ("N·m·s/rad", "N·s/m"), "FS": ("N·m", "N"),
@@ -33,7 +34,7 @@ def unit_of(fitted: ChainFit, name: str) -> str:
 def parameter_rows(fitted: ChainFit) -> list[list[str]]:
     """Base parameters: name, value, half of the 95 % interval, unit, and what they are grouped with."""
     return [
-        [one.name, f"{one.value:.4g}", f"{one.half:.2g}", unit_of(fitted, one.name),
+        [one.name, to_interval(one.value, one.half), half_width(one.half), unit_of(fitted, one.name),
          one.group if one.group != one.name else ""]
         for one in fitted.estimates
     ]  # fmt: skip

@@ -15,6 +15,7 @@ from lacet.identify.validation.channels.single_faults import (
     Suspects,
 )
 from lacet.identify.validation.channels.sizes import LeansAlike, NegativeDistance, OtherSize, SteersAgainst, TooQuiet
+from lacet.services.render.intervals import with_interval
 
 
 def sentence(found: RecordedFault) -> str:
@@ -69,7 +70,8 @@ def from_equations(found: EquationFault) -> str:
         )
     if isinstance(found, Misplaced):
         off = ", ".join(
-            f"{1e3 * value:+.0f} ± {1e3 * found.half[axis]:.0f} mm in {axis}" for axis, value in found.off.items()
+            f"{with_interval(1e3 * value, 1e3 * found.half[axis], '+')} mm in {axis}"
+            for axis, value in found.off.items()
         )
         return (
             f"{_runs(found.runs)}: the inertial unit is not where the rig says, but {off} from there "
@@ -83,17 +85,18 @@ def _fault(found: ColumnFault) -> str:
     misfit = _misfit(found)
     match found.fault:
         case Fault.SIGN:
-            return f"{column} has the wrong sign: the car's equations need {value:.2f} ± {half:.2f} times it ({misfit})"
+            needed = with_interval(value, half)
+            return f"{column} has the wrong sign: the car's equations need {needed} times it ({misfit})"
         case Fault.UNIT:
             return (
-                f"{column} is recorded in {found.unit}: the car's equations need {value:.3g} ± {half:.2g} times it "
+                f"{column} is recorded in {found.unit}: the car's equations need {with_interval(value, half)} times it "
                 f"({misfit})"
             )
         case Fault.LATE:
             when = "later" if value > 0.0 else "earlier"
+            delay = with_interval(1e3 * abs(value), 1e3 * half)
             return (
-                f"{column} is {1e3 * abs(value):.0f} ± {1e3 * half:.0f} ms {when} than the rig says, other channels of "
-                f"its instrument are not ({misfit})"
+                f"{column} is {delay} ms {when} than the rig says, other channels of its instrument are not ({misfit})"
             )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from lacet.identify.wheel_loads.measured_forces import ComparedForces, ForceError
 from lacet.identify.wheel_loads.outputs import EstimatedForces
+from lacet.services.render.intervals import half_width, to_interval
 from lacet.services.render.tables import table
 
 _SHORT = {"gains and latencies": "gains", "lack of fit": "lack", "channels not measured": "channels"}
@@ -23,7 +24,8 @@ def forces_table(estimated: EstimatedForces, errors: Mapping[str, ForceError]) -
         if not np.any(force.determined):
             lines.append([name, "not determined", *[""] * (len(head) - 2)])
             continue
-        line = [name, f"{np.nanmean(force.value):.0f}", f"{np.nanmean(force.half95):.0f}"]
+        mean, half = float(np.nanmean(force.value)), float(np.nanmean(force.half95))
+        line = [name, to_interval(mean, half), half_width(half)]
         line += [f"{force.parts.get(source, 0.0):.0f}" for source in sources]
         lines.append([*line, *_error(errors.get(name))] if errors else line)
     return table(head, lines)

@@ -21,6 +21,7 @@ from lacet.identify.validation.parameter_estimates import (
 )
 from lacet.identify.validation.prediction_uncertainty import OpenParameters
 from lacet.identify.validation.score import Comparison
+from lacet.services.render.intervals import half_width
 from lacet.services.render.row_sources import to_add
 from lacet.services.render.rows import row_absence
 
@@ -44,16 +45,18 @@ def unidentified(why: Unidentified | None) -> str:
         case None:
             return ""
         case HardlyKnown(half, unit, shown_by):
-            return f"the runs leave ± {half:.3g} {unit}, hardly less than is plausible at all; {_SHOWS}{shown_by}"
+            return (
+                f"the runs leave ± {half_width(half)} {unit}, hardly less than is plausible at all; {_SHOWS}{shown_by}"
+            )
         case WiderThanValue(half, unit, shown_by):
-            return f"its 95 % interval (± {half:.3g} {unit}) is wider than the value; {_SHOWS}{shown_by}"
+            return f"its 95 % interval (± {half_width(half)} {unit}) is wider than the value; {_SHOWS}{shown_by}"
         case NoDependence(shown_by):
             return f"nothing these runs measure depends on it; {_SHOWS}{shown_by}"
         case RowsAbsent(row, others, absence):
             reason = row_absence(absence) if absence else "no usable sample"
             return f"{row}{' and others' if others else ''} left out: {reason}"
         case SeenAside(half, unit, row, absence):
-            wide = f"its 95 % interval with sheet (± {half:.3g} {unit}) is wider than {100 * WIDE:.0f} % of it"
+            wide = f"its 95 % interval with sheet (± {half_width(half)} {unit}) is wider than {100 * WIDE:.0f} % of it"
             return wide if row is None else f"{wide}: {row} would show it, and {to_add(row, absence)}"
         case GivenBeforehand(assumption):
             return f"given as {assumption} in [assumed]: no wheel load is measured"

@@ -7,7 +7,8 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from lacet.services.render.tables import number, table
+from lacet.services.render.intervals import half_width, to_interval
+from lacet.services.render.tables import table
 
 SHORT = 60.0
 """Time up to which seconds are said as such; longer ones in minutes [s]."""
@@ -29,7 +30,7 @@ def still_needed(seconds: float, least: float) -> str:
     if seconds <= 0.0:
         return "enough"
     if math.isinf(seconds):
-        best = "over 100 %" if least > 1.0 else f"± {100.0 * least:.3g} %"
+        best = "over 100 %" if least > 1.0 else f"± {half_width(100.0 * least)} %"
         return f"not by more of the same: {best} at best"
     if seconds > LONG:
         return "hours more"
@@ -74,8 +75,8 @@ def screen(found: Mapping[str, Any]) -> str:
     if found["parameters"]:
         cells = [
             [
-                one["name"], one["answer"], number(one["value"], one["half95_sheet"]),
-                f"± {number(one['half95_sheet'], one['half95_sheet'])}", one["unit"], percent(one["relative"]),
+                one["name"], one["answer"], to_interval(one["value"], one["half95_sheet"]),
+                f"± {half_width(one['half95_sheet'])}", one["unit"], percent(one["relative"]),
             ]
             for one in found["parameters"]
         ]  # fmt: skip

@@ -10,8 +10,9 @@ from typing import Any
 from lacet.identify.validation.score import failing_rows, pooled_ratio, worst_row
 from lacet.services.render.effect_text import effect_label
 from lacet.services.render.figures.panels import Panels
+from lacet.services.render.intervals import half_width, to_interval
 from lacet.services.render.study_version import Version
-from lacet.services.render.tables import Table, number
+from lacet.services.render.tables import Table
 
 MOST_OPEN = 4
 """Rows not judged and warnings that the first page names; the others are only counted."""
@@ -126,7 +127,7 @@ def _sizes(now: Version) -> Table:
         for p in now.result["parameters"]:
             if p["effect"] == key:
                 half = p["half95_sheet"]
-                lines.append([label, p["name"], p["unit"], number(p["value"], half), f"± {number(half, half)}"])
+                lines.append([label, p["name"], p["unit"], to_interval(p["value"], half), f"± {half_width(half)}"])
         open_ = [p["name"] for p in now.result["not_identifiable"] if p["effect"] == key]
         lines += [[label, name, "", "not identified", ""] for name in open_]
         lines += [[label, f"{key}: {name}", "SI", f"{value:.4g}", ""] for name, value in shape.items()]

@@ -10,8 +10,9 @@ from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.identify.car.rows import Absence, Row, RowAbsence, instead
 from lacet.identify.signals.sources import Method
 from lacet.identify.validation.row_sources import RowKind, RowSource
+from lacet.services.render.intervals import half_width
 from lacet.services.render.rows import row_absence
-from lacet.services.render.tables import number, table
+from lacet.services.render.tables import size, table
 
 _WORDS = {
     Method.MOTION_RATIO: "potentiometer ÷ motion ratio",
@@ -125,7 +126,7 @@ def sources_lines(result: Sequence[Mapping[str, Any]]) -> list[list[str]]:
         moves = ""
         if one["source"] == "assumed":
             most = ", ".join(a["name"] for a in one["assumptions"][:_SHOWN])
-            moves = f"{number(one['moves'], one['moves'])} of {number(one['size'], one['size'])} {one['unit']}: {most}"
+            moves = f"{size(one['moves'])} of {size(one['size'])} {one['unit']}: {most}"
         lacking = _families((*one["derived"], *one["assumed"]))
         add = one["add"].replace(f".{str(one['row']).partition('.')[2]}.", ".*.")
         key = (one["source"], lacking, moves, add, ", ".join(one["runs"]))
@@ -168,7 +169,7 @@ def assumptions_table(result: Sequence[Mapping[str, Any]]) -> str:
             found.setdefault(assumption["name"], assumption)
     lines = [
         [
-            name, f"{a['value']:.4g}", f"{a['tolerance']:.2g}", a["unit"],
+            name, f"{a['value']:.4g}", half_width(a["tolerance"]), a["unit"],
             a["source"] if a["given"] else f"default: {a['source']}",
         ]
         for name, a in sorted(found.items())

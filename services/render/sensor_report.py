@@ -11,7 +11,8 @@ from lacet.daq.channels import CHANNELS
 from lacet.identify.regression.latency import SensorTiming, Timings
 from lacet.identify.signals.noise_level import NoiseLevel
 from lacet.identify.validation.channels.unit_position import AxisPosition
-from lacet.services.render.tables import number, table
+from lacet.services.render.intervals import half_width, to_interval
+from lacet.services.render.tables import table
 
 LEVEL = 0.01
 """Significance level of the two tests of bias: one set of runs in a hundred is rejected by chance."""
@@ -37,7 +38,8 @@ def noise_table(levels: Sequence[Mapping[str, Any]]) -> str:
     """Measured noise by sensor and family, from the check's result."""
     rows: list[list[str]] = []
     for n in levels:
-        measured = ["-", "-"] if n["sigma"] is None else [f"{n['sigma']:.3g}", f"± {n['half95']:.1g}"]
+        sigma, half = n["sigma"], n["half95"]
+        measured = ["-", "-"] if sigma is None else [to_interval(sigma, half), f"± {half_width(half)}"]
         verdict = f"{_WORDS[n['verdict']]}{': ' + n['why'] if n['why'] else ''}"
         rows.append([n["sensor"], n["family"], *measured, f"{n['sheet']:.3g}", n["unit"], verdict])
     text = _with_verdicts(["sensor", "family", "noise", "95 %", "sheet", "unit", "verdict"], rows, text_columns=2)
@@ -64,7 +66,7 @@ def not_testable(timing: SensorTiming) -> str:
     """Why the runs do not determine a sensor's latency; an empty string where they do."""
     if timing.testable:
         return ""
-    return "no row of the model depends on it" if math.isinf(timing.half) else f"± {1e3 * timing.half:.0f} ms"
+    return "no row of the model depends on it" if math.isinf(timing.half) else f"± {half_width(1e3 * timing.half)} ms"
 
 
 def unmeasured(level: NoiseLevel) -> str:
@@ -84,11 +86,10 @@ def latency_table(timings: Timings) -> str:
         if not s.testable:
             rows.append([s.sensor, f"{1e3 * s.rig:.1f}", "-", "-", f"not testable with these runs: {not_testable(s)}"])
             continue
-        digits = max(1, 1 - math.floor(math.log10(1e3 * s.half))) if s.half > 0 else 2
-        says = "agrees" if s.agrees else f"differs from the rig by {1e3 * (s.found - s.rig):+.{digits}f} ms"
-        rows.append(
-            [s.sensor, f"{1e3 * s.rig:.1f}", f"{1e3 * s.found:.{digits}f}", f"± {1e3 * s.half:.{digits}f}", says]
-        )
+        found, half = 1e3 * s.found, 1e3 * s.half
+        off = to_interval(found - 1e3 * s.rig, half, "+")
+        says = "agrees" if s.agrees else f"differs from the rig by {off} ms"
+        rows.append([s.sensor, f"{1e3 * s.rig:.1f}", to_interval(found, half), f"± {half_width(half)}", says])
     return _with_verdicts(["sensor", "rig ms", "found ms", "95 %", "verdict"], rows)
 
 
@@ -97,12 +98,13 @@ def position_table(found: Sequence[AxisPosition]) -> str:
     rows: list[list[str]] = []
     for one in found:
         if not one.testable:
-            why = f"not testable with these runs: ± {1e3 * one.half:.0f} mm"
+            why = f"not testable with these runs: ± {half_width(1e3 * one.half)} mm"
             rows.append([one.axis, f"{1e3 * one.rig:.0f}", "-", "-", why])
             continue
         off = f"{1e3 * (one.found - one.rig):+.0f} mm"
         says = "agrees" if one.agrees else f"differs from the rig by {off}: inertias and heights are off with it"
-        rows.append([one.axis, f"{1e3 * one.rig:.0f}", f"{1e3 * one.found:.1f}", f"± {1e3 * one.half:.1f}", says])
+        at, half = 1e3 * one.found, 1e3 * one.half
+        rows.append([one.axis, f"{1e3 * one.rig:.0f}", to_interval(at, half), f"± {half_width(half)}", says])
     return _with_verdicts(["axis", "rig mm", "found mm", "95 %", "verdict"], rows)
 
 
@@ -137,8 +139,8 @@ def bias_text(found: Mapping[str, Any], most: int = 12) -> str:
     if moved and (biased or wrong):
         rows = [
             [
-                d["name"], *(number(d[key], d["half95"]) for key in ("plain", "fit", "instruments")),
-                f"± {number(d['half95'], d['half95'])}", d["unit"], _percent(d["plain"], d), _percent(d["fit"], d),
+                d["name"], *(to_interval(d[key], d["half95"]) for key in ("plain", "fit", "instruments")),
+                f"± {half_width(d['half95'])}", d["unit"], _percent(d["plain"], d), _percent(d["fit"], d),
             ]
             for d in moved[:most]
         ]  # fmt: skip

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from lacet.identify.validation.score import fails, pooled_ratio, row_ratios, worst_row
+from lacet.services.render.intervals import half_width, to_interval, with_interval
 from lacet.services.render.units import TRAVEL, TRAVEL_RATE
 
 
@@ -53,16 +54,9 @@ def bare_intervals(found: Table) -> Table:
     return replace(found, head=head, rows=rows)
 
 
-def number(value: float, half: float | None = None) -> str:
-    """A value to the digits its interval justifies."""
-    if half is None or not 0.0 < half < float("inf"):
-        return f"{value:.5g}"
-    digits = max(0, 1 - _exponent(half))
-    return f"{value:.{digits}f}"
-
-
-def _exponent(value: float) -> int:
-    return int(f"{value:e}".split("e")[1])
+def size(value: float) -> str:
+    """An RMS or another size to two significant digits, to a whole number from 10 on."""
+    return to_interval(value, min(value, 99.0))
 
 
 def parameters(result: Mapping[str, Any]) -> str:
@@ -80,10 +74,10 @@ def parameter_table(result: Mapping[str, Any]) -> Table:
     rows = [
         [
             p["name"],
-            number(p["value"], p["half95"]),
-            f"± {number(p['half95'], p['half95'])}",
-            f"± {number(p['half95_sheet'], p['half95_sheet'])}",
-            *([f"± {number(p['half95_bootstrap'], p['half95_bootstrap'])}"] if drawn else []),
+            to_interval(p["value"], p["half95"]),
+            f"± {half_width(p['half95'])}",
+            f"± {half_width(p['half95_sheet'])}",
+            *([f"± {half_width(p['half95_bootstrap'])}"] if drawn else []),
             p["unit"],
             f"{p['sxr_percent']:.2f}" if p["sxr_percent"] is not None and p["sxr_percent"] < 1e3 else "-",
             "" if p["group"] == p["name"] else p["group"],
@@ -107,8 +101,8 @@ def whole_vehicle_table(result: Mapping[str, Any]) -> tuple[str, Table]:
     """Title and table of the whole vehicle's values."""
     rows = [
         [
-            w["name"], number(w["value"], w["half95"]), f"± {number(w['half95'], w['half95'])}",
-            f"± {number(w['half95_sheet'], w['half95_sheet'])}", w["unit"],
+            w["name"], to_interval(w["value"], w["half95"]), f"± {half_width(w['half95'])}",
+            f"± {half_width(w['half95_sheet'])}", w["unit"],
         ]
         if w["identifiable"]
         else [w["name"], "not identifiable", "", "", w["unit"]]
@@ -145,7 +139,7 @@ def _derived(d: Mapping[str, Any]) -> str:
         return "not determined"
     if d["value"] == 0.0 == d["half95"]:
         return "none"
-    return f"{number(d['value'], d['half95'])} ± {number(d['half95'], d['half95'])}"
+    return with_interval(d["value"], d["half95"])
 
 
 def derived_table(result: Mapping[str, Any]) -> Table:
@@ -157,7 +151,7 @@ def derived_table(result: Mapping[str, Any]) -> Table:
             lines.append([d["name"], "not determined", "", "", unit])
         elif d["value"] != 0.0:
             lines.append(
-                [d["name"], number(d["value"], half), f"± {number(half, half)}", f"± {number(sheet, sheet)}", unit]
+                [d["name"], to_interval(d["value"], half), f"± {half_width(half)}", f"± {half_width(sheet)}", unit]
             )
     return Table(["derived value", "value", "95 %", "with sheet", "unit"], lines)
 
@@ -221,8 +215,8 @@ def rows_table(scored: Mapping[str, Mapping[str, Any]]) -> Table:
     """Scores of every row of every run."""
     lines = [
         [
-            run, row, number(s["rms"], s["rms"]), s["unit"], f"{s['nrmse']:.2f}", f"{s['vaf']:.2f}",
-            number(s["floor"], s["floor"]), f"{s['ratio']:.2f}" + _mark(s), s.get("colour") or "-",
+            run, row, size(s["rms"]), s["unit"], f"{s['nrmse']:.2f}", f"{s['vaf']:.2f}",
+            size(s["floor"]), f"{s['ratio']:.2f}" + _mark(s), s.get("colour") or "-",
         ]
         for run, part in scored.items()
         for row, s in part.items()

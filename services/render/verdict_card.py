@@ -11,8 +11,9 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.selection.candidate import Answer
 from lacet.identify.validation.score import RowError, RowScore
 from lacet.services.render.effect_text import effect_label
+from lacet.services.render.intervals import with_interval
 from lacet.services.render.rows import ratio_text
-from lacet.services.render.verdicts import last_name, rounded, three_digits, two_digits
+from lacet.services.render.verdicts import last_name, three_digits
 
 MOST_WORDS = 40
 """Largest number of words on a card, its button apart."""
@@ -110,7 +111,7 @@ def _and(keys: Sequence[str]) -> str:
 
 def _sum(total: Mapping[str, Any]) -> str:
     """The sum of a law's sizes over places that the runs do not distinguish."""
-    value = f"{rounded(total['value'], total['half95_sheet'])} ± {two_digits(total['half95_sheet'])} {total['unit']}"
+    value = f"{with_interval(total['value'], total['half95_sheet'])} {total['unit']}"
     return f"{total['parameter']} summed = {value} (95 %, with sheet); these runs do not show the split"
 
 
@@ -119,7 +120,7 @@ def _size(c: Mapping[str, Any], effect: Effect | None) -> str:
     if effect is None:
         return ""
     parts = [
-        f"{last_name(q)} = {rounded(value, half)} ± {two_digits(half)} {q.unit}"
+        f"{last_name(q)} = {with_interval(value, half)} {q.unit}"
         for q, value, half in zip(effect.parameters, c["values"], c["half95"], strict=False)
     ][:2]
     more = len(c["values"]) - len(parts)

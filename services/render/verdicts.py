@@ -17,6 +17,7 @@ from lacet.identify.selection.laws.formulas import Formula, Law
 from lacet.identify.selection.settings import SELECTION
 from lacet.services.render import tables
 from lacet.services.render.effect_text import needed, not_measured
+from lacet.services.render.intervals import with_interval
 from lacet.services.render.shape_constants import constants_text
 
 NOT_NAMED = (Reason.PART_OF_REST, Reason.TIED)
@@ -122,7 +123,7 @@ def _tables(c: Candidate) -> str:
 def sizes(c: Candidate, effect: Effect) -> str:
     """A candidate's parameters with 95 % intervals, and its shape constants."""
     each = list(zip(effect.parameters, c.values, c.interval, strict=True))
-    parts = [f"{last_name(q)} = {rounded(value, half)} ± {two_digits(half)} {q.unit}" for q, value, half in each]
+    parts = [f"{last_name(q)} = {with_interval(value, half)} {q.unit}" for q, value, half in each]
     unusual = [
         last_name(q)
         for q, value, half in each
@@ -204,7 +205,7 @@ def _implausible(c: Candidate, effect: Effect) -> str:
         return ""
     q = wrong.quantity
     value, half = 0.5 * (wrong.low + wrong.high), 0.5 * (wrong.high - wrong.low)
-    size = f"{value:.3g} ± {two_digits(half)}" if math.isfinite(half) else _beyond(wrong)
+    size = with_interval(value, half) if math.isfinite(half) else _beyond(wrong)
     return f"{last_name(q)} would be {size} {q.unit} (plausible: {q.low:g} to {q.high:g})"
 
 
@@ -222,7 +223,7 @@ def _missing(d: Diagnosis) -> str:
 
 def _as_one(total: SumOfPlaces) -> str:
     """The sum of a law's sizes at places that the runs do not distinguish, and what would."""
-    value = f"{rounded(total.value, total.half)} ± {two_digits(total.half)} {total.unit}"
+    value = f"{with_interval(total.value, total.half)} {total.unit}"
     return (
         f"the sum of {total.parameter} over {' and '.join(total.keys)} is {value} (95 %), and these runs do not show "
         f"how it is split; a run in which these places are loaded apart from each other would"
@@ -361,7 +362,8 @@ def _not_constant(d: Diagnosis, key: str, runs: ParameterConstancy) -> str:
     k, *two = runs.farthest_apart
     q = d.effects[key].parameters[k]
     values = " and ".join(
-        f"{runs.values[r][k]:.3g} ± {SELECTION.interval_quantile * runs.spread[r][k]:.2g} {q.unit} in {r}" for r in two
+        f"{with_interval(runs.values[r][k], SELECTION.interval_quantile * runs.spread[r][k])} {q.unit} in {r}"
+        for r in two
     )
     return (
         f"The model lacks something, and the cause is not listed: {key} explains most, but it would have to be "
@@ -450,21 +452,9 @@ def last_name(q: Parameter) -> str:
     return q.name.rsplit(".", 1)[-1]
 
 
-def two_digits(half: float) -> str:
-    """An interval to its second digit, as its value beside it; to whole numbers from 100 on."""
-    return rounded(half, half)
-
-
 def three_digits(value: float) -> str:
     """A number to three digits, without a power of ten."""
     return f"{float(f'{value:.3g}'):.0f}" if value >= 100.0 else f"{value:.3g}"
-
-
-def rounded(value: float, half: float) -> str:
-    """A value to the second digit of its interval."""
-    if not half > 0.0 or not np.isfinite(half):
-        return f"{value:.3g}"
-    return f"{value:.{max(0, 1 - int(np.floor(np.log10(half))))}f}"
 
 
 def print_diagnosis(result: Mapping[str, Any], most: int, why: bool) -> None:

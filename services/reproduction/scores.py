@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from lacet.daq.channels import CORNERS
-from lacet.services.render.tables import number, table
+from lacet.services.render.intervals import half_width, to_interval, with_interval
+from lacet.services.render.tables import table
 from lacet.services.reproduction.published_tables import SPIN_ROWS, TITLES, Line
 from lacet.services.reproduction.second_car_truth import second_car_values
 
@@ -73,7 +74,7 @@ def score(line: Line, truth: Mapping[str, Any], fit: Mapping[str, Any], simulati
         why = why or _why(line.key, fit)
         if found is not None:
             value, half = found
-            why += f"; from the chassis rows alone {number(value, half)} ± {number(half, half)} {line.unit}"
+            why += f"; from the chassis rows alone {with_interval(value, half)} {line.unit}"
         return Scored(line, real, None, None, None, WITHOUT, why)
     estimate, half = line.scale * found[0], abs(line.scale) * found[1]
     allowed = max(half, _papers_error(line, real)) if simulation else half
@@ -179,7 +180,7 @@ def _cells(s: Scored, simulation: bool) -> list[str]:
     line = s.line
     ours = ["-", "-", "-"]
     if s.estimate is not None and s.half95 is not None:
-        ours = [number(s.estimate, s.half95), _error(s.error, s.truth), f"± {number(s.half95, s.half95)}"]
+        ours = [to_interval(s.estimate, s.half95), _error(s.error, s.truth), f"± {half_width(s.half95)}"]
     sxr = "-" if line.sxr is None else f"{line.sxr:g}"
     truth = f"{s.truth + 0.0:.7g}"
     if not simulation:

@@ -11,6 +11,7 @@ from lacet.identify.wheel_loads.outputs import EstimatedForces
 from lacet.services.render.figures.panels import HELD, MEASURED, MODEL, Axis, Band, Line, Mark, Panel, Panels
 from lacet.services.render.figures.png import charts_png
 from lacet.services.render.figures.study_plots import WIDTH
+from lacet.services.render.intervals import half_width
 
 
 def forces_picture(estimated: EstimatedForces, errors: Mapping[str, ForceError]) -> bytes:
@@ -27,7 +28,7 @@ def forces_charts(estimated: EstimatedForces, errors: Mapping[str, ForceError]) 
             continue
         t, value, half = estimated.t[known], force.value[known], force.half95[known]
         marks: list[Mark] = [Band(t, value - half, value + half, HELD, "95 %")]
-        title = f"{name} [N]   ± {float(np.mean(half)):.0f} N"
+        title = f"{name} [N]   ± {half_width(float(np.mean(half)))} N"
         if error := errors.get(name):
             marks.append(Line(t, error.measured[known], MEASURED, "measured", width=1.6))
             title += f", error {error.floors:.2f} × floor, {100.0 * error.inside:.0f} % in the band"

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from lacet.identify.selection.candidate import Answer, Candidate
 from lacet.identify.validation.parameter_estimates import Estimate
 from lacet.services.render.figures.panels import CHANCE, ERROR, FAULT, HELD, MEASURED, MODEL
-from lacet.services.render.tables import number
+from lacet.services.render.intervals import to_interval
 
 LINE = 0.26
 """Height of a line of a figure [in]."""
@@ -60,7 +60,7 @@ def forest_figure(parameters: Sequence[Estimate], known: Mapping[str, float]) ->
 
     `known` : values known otherwise by name (SI), as crosses.
     """
-    figure, axes = _lines([f"{one.name} = {number(one.value, one.half)} {one.unit}" for one in parameters])
+    figure, axes = _lines([f"{one.name} = {to_interval(one.value, one.half)} {one.unit}" for one in parameters])
     for k, one in enumerate(parameters):
         scale = 100.0 / abs(one.value)
         for half, width in ((one.half_sheet, 1.0), (one.half, 3.5)):

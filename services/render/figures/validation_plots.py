@@ -28,6 +28,7 @@ from lacet.services.render.figures.panels import (
 )
 from lacet.services.render.figures.png import charts_png
 from lacet.services.render.figures.study_plots import WIDTH, comparison_charts
+from lacet.services.render.intervals import half_width
 from lacet.services.render.rows import colour_words
 
 _KINDS = ("chassis", "suspension", "tyre", "spin", "body", "corner")
@@ -103,7 +104,7 @@ def damper_charts(curves: Mapping[str, DamperCurve]) -> Panels:
             Level(0.0),
             Level(0.0, upright=True),
         ]
-        band = f"± {float(curve.half.max()):.2g} N at most"
+        band = f"± {half_width(float(curve.half.max()))} N at most"
         panels.append(Panel(f"{corner}, at {1e3 * curve.travel:+.0f} mm of travel; {band}", marks, x, y))
     return Panels("Damper force at the wheel, over the rates seen", panels, 2, (440.0, 300.0))
 

@@ -143,9 +143,9 @@ def candidate(effect: Effect, **changed: object) -> Candidate:
         ({}, "missing", ("12.3 N RMS off suspension.fl, suspension.fr", "40.0 ± 6.0 N", "never did as well in 39")),
         ({"p": 0.2}, "not needed", ("p = 0.2", "0.025")),
         ({"gain": 0.004}, "smaller than asked for", ("less than 1 %",)),
-        ({"values": (-40.0,)}, "implausible size", ("-40 ± 6.0 N", "plausible: 0 to 500", "which no car has")),
+        ({"values": (-40.0,)}, "implausible size", ("-40.0 ± 6.0 N", "plausible: 0 to 500", "which no car has")),
         ({"values": (-4.0,)}, "missing", ("-4.0 ± 6.0 N",)),
-        ({"values": (900.0,)}, "implausible size", ("900 ± 6.0 N",)),
+        ({"values": (900.0,)}, "implausible size", ("900.0 ± 6.0 N",)),
     ],
 )
 def test_wording(changed: dict[str, object], answer: str, parts: Sequence[str]):

@@ -46,7 +46,7 @@ def test_an_effect_with_its_size_its_lead_and_the_next_three():
     card = verdict_card(diagnosis("missing", BAR, *others), EFFECTS)
     assert card["title"] == "Missing: anti-roll bar, front"
     assert texts(card) == [
-        "k = 15012 ± 318 N/m (95 %, with sheet)", "5430 weighted squares ahead of sensor_gain.hub.fl",
+        "k = 15010 ± 320 N/m (95 %, with sheet)", "5430 weighted squares ahead of sensor_gain.hub.fl",
     ]  # fmt: skip
     assert [one["effect"] for one in card["out"]] == [c["effect"] for c in others[:3]]
     assert [one["why"] for one in card["out"]] == ["chance", "judged next", "stands for anti_roll_bar.front"]
@@ -59,7 +59,7 @@ def test_a_law_at_places_that_runs_do_not_part_is_one_title_with_its_sum():
     bars = [candidate(key, "missing", values=[10000.0], half95=[40000.0], sum=total) for key in total["effects"]]
     card = verdict_card(diagnosis("missing", *bars, candidate("coulomb.rear", "missing")), EFFECTS)
     assert card["title"] == "Missing: anti-roll bar, front + rear, and 1 more"
-    assert texts(card) == ["k summed = 20312 ± 2115 N/m (95 %, with sheet); these runs do not show the split"]
+    assert texts(card) == ["k summed = 20300 ± 2100 N/m (95 %, with sheet); these runs do not show the split"]
     assert words_of(card) <= MOST_WORDS
 
 

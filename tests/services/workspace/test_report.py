@@ -22,7 +22,7 @@ from lacet.identify.car.rows import Row
 from lacet.identify.validation.score import pooled_ratio
 from lacet.services.render.failure_report import where_pieces
 from lacet.services.render.figures.curves import ROOM, SCRIPT, SCRIPT_HASH, curves_html, room_of
-from lacet.services.render.tables import number
+from lacet.services.render.intervals import half_width, to_interval
 from lacet.services.workbench.exports import report_policy
 from lacet.services.workbench.session_cache import SessionCache
 from lacet.services.workspace.report import write_report
@@ -121,8 +121,8 @@ def test_the_first_page_says_what_of_which_runs_and_by_which_lacet(written: Path
         )
         bar = next(p for p in result["parameters"] if p["name"] == "anti_roll_bar.front.k")
         plain = first.replace("\\", "")
-        assert number(bar["value"], bar["half95_sheet"]) in plain
-        assert number(bar["half95_sheet"], bar["half95_sheet"]) in plain
+        assert to_interval(bar["value"], bar["half95_sheet"]) in plain
+        assert half_width(bar["half95_sheet"]) in plain
         assert metadata.version("lacet") in plain
         assert result["vehicle"] in plain
         for run in ("sine", "rough"):

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from lacet.services.render.intervals import half_width, to_interval
 from tests.services.workbench.browser.bench import Opened, opening, serving
 
 _EXTREMES = """
@@ -91,6 +92,12 @@ _LANGUAGE = """
 async () => {
   const { validLanguage } = await import("/js/charts/locale.js");
   return ["en-US@posix", "C", "de-DE"].map(validLanguage);
+}
+"""
+_NUMBERS = """
+async (pairs) => {
+  const { number } = await import("/js/widgets/format.js");
+  return pairs.map(([value, half]) => number(value, half).replace("\N{MINUS SIGN}", "-"));
 }
 """
 _NOTES = """
@@ -205,6 +212,14 @@ def test_a_language_that_is_no_tag_gives_way(opened: Opened) -> None:
     watch = opened()
     watch.go("live")
     assert watch.page.evaluate(_LANGUAGE) == ["en-GB", "en-GB", "de-DE"]
+
+
+def test_a_number_with_its_interval_is_rounded_as_on_the_command_line(opened: Opened) -> None:
+    pairs = [(51234.0, 2184.0), (0.01234, 0.00454), (-40.2, 6.04), (26773.2, 99.6), (9.996, 0.0996), (-0.4, 120.0)]
+    watch = opened()
+    watch.go("live")
+    assert watch.page.evaluate(_NUMBERS, pairs) == [to_interval(*pair) for pair in pairs]
+    assert watch.page.evaluate(_NUMBERS, [(half, half) for _, half in pairs]) == [half_width(half) for _, half in pairs]
 
 
 def test_twelve_versions_are_told_apart(opened: Opened) -> None:

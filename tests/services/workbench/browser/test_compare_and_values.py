@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from lacet.services.render.intervals import with_interval
 from tests.services.workbench.browser.bench import LONG, Bench, Opened, Watch, opening, serving
 from tests.support.processes import Command
 
@@ -135,12 +136,10 @@ def test_the_car_in_numbers(opened: Opened) -> None:
     found = watch.page.evaluate("fetch('api/values?version=2').then((a) => a.json())")
     rate = next(d for d in found["derived"] if d["name"] == "ride_rate.fl")
     shown = corner.locator("[data-value='ride_rate.fl']").inner_text()
-    value, half = (float(x) for x in re.findall(r"\d+(?:\.\d+)?", shown)[:2])
-    assert value == pytest.approx(rate["value"], rel=1e-3)
-    assert half == pytest.approx(rate["half95_sheet"], rel=0.1)
+    assert with_interval(rate["value"], rate["half95_sheet"]) in shown
     watch.at("values-sheet").uncheck()
     shown = corner.locator("[data-value='ride_rate.fl']").inner_text()
-    assert float(re.findall(r"\d+(?:\.\d+)?", shown)[1]) == pytest.approx(rate["half95"], rel=0.1)
+    assert with_interval(rate["value"], rate["half95"]) in shown
     watch.at("values-sheet").check()
     watch.at("values-against").select_option("1")
     table = watch.at("values-parameters")

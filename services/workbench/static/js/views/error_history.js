@@ -262,7 +262,7 @@ export async function show(root, app) {
           h("td", {
             class: "num muted",
             title: p.apriori_source || null,
-            text: p.apriori === null || p.apriori === undefined ? "–" : number(p.apriori, half(p)),
+            text: p.apriori === null || p.apriori === undefined ? "–" : number(p.apriori),
           }),
           back.map((n) =>
             change(

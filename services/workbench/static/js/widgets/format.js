@@ -1,7 +1,8 @@
 /** Numbers, times and names as an engineer reads them. */
 
 /**
- * A value to the digits its interval justifies, as the command line prints it.
+ * A value to the decimal place of the second significant digit of its interval's half-width, as services/render/intervals.py
+ * writes it for the command line; to five significant digits without an interval.
  * @param {number|null} value
  * @param {number|null} [half] half of its 95 % interval
  * @returns {string}
@@ -9,8 +10,10 @@
 export function number(value, half) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   if (half !== null && half !== undefined && half > 0 && Number.isFinite(half)) {
-    const digits = Math.max(0, Math.min(12, 1 - Math.floor(Math.log10(half))));
-    return minus(value.toFixed(digits));
+    const place = Math.min(12, 1 - Number(half.toExponential(1).split("e")[1]));
+    const step = 10 ** -place;
+    const rounded = place < 0 ? Math.round(value / step) * step : Number(value.toFixed(place));
+    return minus((rounded + 0).toFixed(Math.max(0, place)));
   }
   return minus(short(value, 5));
 }
