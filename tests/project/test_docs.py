@@ -6,14 +6,19 @@ import itertools
 import json
 import re
 import shlex
+import shutil
 import tomllib
 from pathlib import Path
 
 import pytest
 
+from lacet.daq import bench_readings
 from lacet.daq.channels import AXES, CHANNELS, CORNERS
 from lacet.daq.errors import FileFault
+from lacet.daq.formats import mf4
 from lacet.daq.formats.exchange import METADATA_KEYS, read_table
+from lacet.daq.formats.log import LogReader
+from lacet.daq.maps.channel_map import ChannelMap
 from lacet.daq.rig import DEFAULT_TOLERANCE, Rig
 from lacet.daq.units import TO_SI, canonical
 from lacet.daq.vehicle import Vehicle
@@ -157,6 +162,41 @@ def test_the_csv_example_reads(tmp_path):
     assert set(run.signals) == {"wheel.fl.force", "wheel.fl.moment", "laser.fl.hub"}
     assert run.signals["wheel.fl.force"].usable.tolist() == [True, True, False]
     assert {key: getattr(run, key) for key in json.loads(metadata)} == json.loads(metadata)
+
+
+def test_fragments_of_a_vehicle_file_fit_into_a_whole_one():
+    fragments = blocks("docs/vehicle.md", "toml fragment")
+    whole = blocks("docs/vehicle.md", "toml complete")[1]
+    assert len(fragments) == 3
+    assert Vehicle.parse("\n".join([whole, *fragments]), "docs/vehicle.md").name == "other-car"
+
+
+def test_the_maps_of_the_pages_are_read(tmp_path):
+    (example,) = blocks("docs/maps.md", "toml complete")
+    assert ChannelMap.parse(example, "docs/maps.md").metadata["manoeuvre"] == "slalom"
+    (example,) = blocks("docs/bench.md", "toml fragment")
+    (tmp_path / "rig.map.toml").write_text(example, encoding="utf-8")
+    assert bench_readings._map(tmp_path / "rig.map.toml")["toe.fl"] == ("Steer_LF", -1.0, "deg")
+    (example,) = blocks("docs/channels.md", "toml")
+    (tmp_path / "run.toml").write_text(example, encoding="utf-8")
+    assert mf4.read_map(tmp_path / "run.toml")[0]["wheel.fl.force.y"].scale == -1.0
+
+
+def test_the_gnss_receiver_of_the_page_is_a_sensor():
+    (example,) = blocks("docs/wires/nmea.md", "toml")
+    head = 'format = "lacet-rig 1"\nname = "car"\n[bus.serial0]\nkind = "serial"\nbaud = 9600\n'
+    (sensor,) = Rig.parse(head + example, "docs/wires/nmea.md").sensors
+    assert sensor.driver == "nmea"
+
+
+def test_the_python_of_the_run_log_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(HOME / "replay_logs" / "nothing-hidden" / "sinus.mcap", "run.mcap")
+    (example,) = blocks("docs/log.md", "python")
+    known = {}
+    exec(compile(example, "docs/log.md", "exec"), known)
+    assert len(known["frames"]) > 1000
+    assert LogReader("whole.mcap").damage == []
 
 
 def test_the_drivers_of_the_examples_exist():

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +26,7 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.services.render.consistency_report import body_fault_words, consistency_words
 from tests.identify import cars
+from tests.support.places import HOME
 
 VEHICLE, RIG = cars.reference_car()
 
@@ -273,6 +276,14 @@ def test_a_consistent_fit_is_left_alone(mended: ConsistentFit) -> None:
     assert again.price.quadratic == 0.0
     assert again.price.percent == 0.0
     assert possible(again.standard, mended.fit)
+
+
+def test_the_python_of_the_page_runs(fitted: Fit, mended: ConsistentFit) -> None:
+    page = (HOME / "docs" / "consistency.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    known: dict[str, Any] = {"fitted": fitted}
+    exec(compile(example, "docs/consistency.md", "exec"), known)
+    np.testing.assert_array_equal(known["mended"].fit.theta, mended.fit.theta)
 
 
 def test_a_solver_that_fails_is_told(fitted: Fit, monkeypatch: pytest.MonkeyPatch) -> None:

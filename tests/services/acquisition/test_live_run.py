@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import socket
 import sys
@@ -204,3 +205,20 @@ def test_a_full_disk_does_not_end_a_recording(tmp_path, running):
     assert len(everything) == 36
     assert len(everything["wheel.fl.force"]) == 200
     assert 0 < len(kept.blocks()["wheel.fl.force"]) < 200
+
+
+def test_the_remote_worker_page_delivers_a_run(tmp_path: Path, running: list[Command]) -> None:
+    """docs/remote-worker.md, its computers' address being this one's; added are the capture's wires and an end."""
+    bench = Bench(tmp_path, running, 1.0)
+    address = bench.router.replace("tcp/", "tls/")
+    page = (ROOT / "docs" / "remote-worker.md").read_text(encoding="utf-8")
+    found = re.findall(r"^ *```sh\n(.*?)^ *```$", page, re.MULTILINE | re.DOTALL)
+    lines = [line.split()[1:] for block in found for line in block.strip().splitlines()]
+    assert [line[0] for line in lines] == ["keys", "record", "worker"]
+    keys, record, worker = ([re.sub(r"tls/[\d.]+:7447", address, word) for word in line] for line in lines)
+    assert bench.start(*keys).wait() == 0
+    assert sum(address in line for line in (record, worker)) == 2
+    ends = [bench.start(*worker, "--once", "--no-fit"), bench.replay()]
+    ends.append(bench.start(*record, "--endpoints", "wires.json", "--until-idle", 1))
+    assert [end.wait(60.0) for end in ends] == [0, 0, 0], "\n".join(end.text() for end in ends)
+    assert_same_run(assembled(tmp_path / "runs"), LogReader(tmp_path / "run.mcap"))
