@@ -168,7 +168,7 @@ def _slope(x: Array, y: Array) -> float:
 
 
 def sign_faults(bench: BenchReadings) -> list[str]:
-    """What cannot be on any car: columns with another sign, or of the other side."""
+    """Faults that no car can have: columns with another sign, or of the other side."""
     out: list[str] = []
     free, rack = bench.free, bench.columns["rack"]
     for corner in CORNERS:

@@ -113,11 +113,11 @@ class Frames:
 
 
 def wire_idents(ident: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """(N,) identifiers as `Frames` have them, of those with `EXTENDED` at every one of 29 bits."""
+    """(N,) identifiers as in `Frames`, from ones that carry `EXTENDED` wherever they have 29 bits."""
     bare = ident & np.uint32(EXTENDED - 1)
     return np.where(bare > STANDARD, bare, ident)
 
 
 def full_idents(ident: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """(N,) identifiers with `EXTENDED` at every one of 29 bits, of those that `Frames` have."""
+    """(N,) identifiers that carry `EXTENDED` wherever they have 29 bits, from those in `Frames`."""
     return np.where(ident > STANDARD, ident | np.uint32(EXTENDED), ident)

@@ -1,4 +1,4 @@
-"""Optional parts of lacet: extras of its package that bring what record, decode and identify do without."""
+"""Optional parts of lacet: extras of the package that record, decode and identify do not need."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class MissingPart(UsageError):
 
 
 def install_command(part: str) -> str:
-    """The command that installs an extra beside the lacet that is there, whichever `pip` the shell would take."""
+    """The command that installs an extra into this lacet's environment, whichever `pip` the shell has."""
     here, found = Path(sys.executable), shutil.which("pip")
     pip = "pip" if found is not None and Path(found).parent == here.parent else f"{here} -m pip"
     return f"{pip} install 'lacet[{part}]'"

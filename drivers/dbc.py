@@ -53,7 +53,7 @@ class _Used:
 
 @dataclass(frozen=True)
 class DbcState:
-    """State between batches: stamp that is time 0, and the latest one [ns], channels in the making, last stamp,
+    """State between batches: stamp that is time 0, and the latest one [ns], incomplete samples by channel, last stamp,
     counter and last frames of each message, and ledger."""
 
     origin_ns: int | None
@@ -167,7 +167,7 @@ class Dbc(Reader):
         return [Block.concat(parts) for parts in blocks.values()], state
 
     def finish(self, state: DbcState) -> tuple[list[Block], DbcState]:
-        """Blocks at the end of the stream: what waits for components that do not come has no value."""
+        """Blocks at the end of the stream: samples that still lack components have no value."""
         channels = tuple(one.copy() for one in state.channels)
         return self._made([one.feed({}, last=True) for one in channels], replace(state, channels=channels))
 

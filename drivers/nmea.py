@@ -85,7 +85,7 @@ class Nmea(Reader):
         return NmeaState(Frames.empty(self.bus), 0, None, {}, ledger)
 
     def counts(self, state: NmeaState) -> dict[str, int]:
-        """The ledger: ``received`` and ``skipped_bytes`` (those of no good sentence) count bytes, ``samples`` those of
+        """The ledger: ``received`` and ``skipped_bytes`` (outside valid sentences) count bytes, ``samples`` those of
         all channels, the rest sentences."""
         skipped = state.ledger["received"] - state.used - len(state.waiting.data)
         return {**state.ledger, "skipped_bytes": skipped}

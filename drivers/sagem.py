@@ -60,7 +60,7 @@ class Sagem(RecordSensor, Driver):
     def decode(self, frames: Frames, state: RecordState) -> tuple[list[Block], RecordState]:
         """Blocks of the messages completed by a batch of reads; a sample has the stamp of the read of its first byte.
 
-        In the ledger ``received`` and ``skipped_bytes`` (those of no good message) count bytes.
+        In the ledger ``received`` and ``skipped_bytes`` (outside valid messages) count bytes.
         """
         stream = Frames.concat(self.bus, [state.waiting, frames])
         received = int(frames.offset[-1] - frames.offset[0])

@@ -79,7 +79,7 @@ class Ubx(Reader):
         return UbxState(Frames.empty(self.bus), None, ledger)
 
     def counts(self, state: UbxState) -> dict[str, int]:
-        """The ledger: ``received`` and ``skipped_bytes`` (those of no good message) count bytes, the rest messages."""
+        """The ledger: ``received`` and ``skipped_bytes`` (outside valid messages) count bytes, the rest messages."""
         return dict(state.ledger)
 
     def decode(self, frames: Frames, state: UbxState) -> tuple[list[Block], UbxState]:
@@ -99,7 +99,7 @@ class Ubx(Reader):
         return self._samples(np.ascontiguousarray(rows).view(_PVT)[:, 0], stream.t_ns[read], state)
 
     def finish(self, state: UbxState) -> tuple[list[Block], UbxState]:
-        """No blocks: bytes that wait are of no whole message."""
+        """No blocks: the bytes waiting are an incomplete message."""
         ledger = add(state.ledger, skipped_bytes=len(state.waiting.data))
         return [], replace(state, waiting=Frames.empty(self.bus), ledger=ledger)
 

@@ -94,7 +94,7 @@ _NONE = _Held(np.zeros(0), np.zeros(0), np.zeros(0, np.uint8), np.zeros(0, bool)
 
 @dataclass
 class Assembly:
-    """One channel in the making.
+    """A channel being assembled.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ class Assembly:
         """Every series needed, that of the time base first."""
 
     def copy(self) -> Assembly:
-        """The same state, which goes its own way from here."""
+        """An independent copy of the state."""
         return replace(self, _held=dict(self._held))
 
     def feed(self, piece: Mapping[Key, Series], last: bool = False, front: float = -np.inf) -> ChannelPiece | None:

@@ -1,4 +1,4 @@
-"""Signs of channels by the car's behaviour: gravity, loads that carry it, turns, and what goes with what.
+"""Signs of channels by the car's behaviour: gravity, loads that carry it, turns, and correlations between channels.
 
 Evidence is a correlation of slow motion, below 2 Hz, where there is enough of it. A car and its mirror image obey the
 same laws: that a turn is to the left, and not to the right, only what has a side can say, wheel speeds and loads.
@@ -41,7 +41,7 @@ def on_grid(t: Array, values: Array, grid: Array) -> Array:
 
 
 def correlation(a: Array, b: Array) -> float:
-    """Correlation of two series where both have values; 0 for too few, or for one that stands still."""
+    """Correlation of two series where both have values; 0 for too few values or a constant series."""
     good = np.isfinite(a) & np.isfinite(b)
     if np.count_nonzero(good) < _LEAST_SAMPLES:
         return 0.0
@@ -75,7 +75,7 @@ class Car:
             self.signs[column] = (1 if found > 0.0 else -1, sure)
 
     def find_signs(self) -> None:
-        """All signs, from what has a side of its own to what follows it."""
+        """Find all signs: first of columns that are judged alone, then of those judged by them."""
         for column in self.columns:
             upright = column == "imu.accel.z" or column.endswith(".force.z")
             if upright or column.startswith("laser.") or column.endswith((".speed", ".speed.x")):

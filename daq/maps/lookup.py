@@ -31,7 +31,7 @@ class Lookup:
 
 
 def read_lookup(path: Path, column: str, content: bytes | None = None) -> Lookup:
-    """The table in a file whose first column is looked up and whose column `column`, or only other one, is found.
+    """The table in a file: its first column against `column`, or against the only other one.
 
     `content` is the file's where it is kept elsewhere, in a run's log. Raises RunError with the file, the line or
     column, and what to do.

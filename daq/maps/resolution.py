@@ -32,7 +32,7 @@ class Recipe(NamedTuple):
 
 @dataclass
 class Resolution:
-    """What of a map can be made of a log.
+    """The channels of a map that a log can provide.
 
     `recipes` : of the channels that can. `lacking` : channel that cannot → why. `without_unit` : names taken as SI.
     """

@@ -153,7 +153,7 @@ def unique(names: Iterable[str]) -> list[str]:
 
 
 def read_all(source: Source, names: Collection[str]) -> dict[str, Series]:
-    """All samples of some names; for short logs and for looking at one. Times and values are joined."""
+    """All samples of some names, for short logs. Times and values are joined."""
     parts: dict[str, list[Series]] = {name: [] for name in names}
     for piece in source.pieces(names):
         for name, series in piece.items():

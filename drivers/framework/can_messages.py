@@ -16,7 +16,7 @@ TABLE = 1 << 16
 
 
 class Numbering:
-    """Place of each of some distinct arbitration ids in their list."""
+    """Index of arbitration ids in a list of distinct ones."""
 
     def __init__(self, idents: Sequence[int]):
         self._order = np.argsort(idents).astype(np.int16)
@@ -27,7 +27,7 @@ class Numbering:
             self._table[idents] = np.arange(len(idents))
 
     def of(self, ident: NDArray[np.uint32]) -> NDArray[np.int16]:
-        """(N,) number of each id, -1 for an id that is none of them."""
+        """(N,) index of each id, -1 for one not in the list."""
         if self._table is not None:
             return self._table.take(ident, mode="clip")
         near = np.minimum(np.searchsorted(self._sorted, ident), len(self._sorted) - 1)
@@ -47,7 +47,7 @@ class Parts:
         return Parts(self.number[index], self.t_ns[index], self.words[index], self.whole[index])
 
     def after(self, begun: Parts) -> Parts:
-        """These messages with others before them."""
+        """The messages of `begun`, then these."""
         if not len(begun.number):
             return self
         columns = ((getattr(begun, name), getattr(self, name)) for name in ("number", "t_ns", "words", "whole"))

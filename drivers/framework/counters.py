@@ -25,7 +25,7 @@ class CounterState:
 
 @dataclass(frozen=True)
 class Jumps:
-    """Losses by a sequence of counters: samples lost before each sample (N,), and whether the counter fell (N,)."""
+    """Losses shown by a sequence of counters: samples lost before each (N,), and whether it fell (N,)."""
 
     lost: NDArray[np.int64]
     back: NDArray[np.bool_]
@@ -39,7 +39,7 @@ class Jumps:
 def follow_counter(
     counter: NDArray[np.int64], trusted: NDArray[np.bool_], bits: int, state: CounterState
 ) -> tuple[Jumps, CounterState]:
-    """Losses by a sample counter: each trusted value against the trusted one before it.
+    """Losses shown by a sample counter: each trusted value is compared with the trusted one before it.
 
     Samples in between whose counter cannot be trusted (bad checksum, incomplete) account for that many steps, so they
     are not counted again as lost. A loss is known modulo the range of the counter only.
@@ -65,7 +65,7 @@ def follow_counter(
 def steady_counters(
     counter: NDArray[np.int64], spans: Sequence[tuple[int, slice]], bits: int, states: Sequence[CounterState]
 ) -> dict[int, CounterState] | None:
-    """States after trusted samples of several sensors, of which none is lost; None where `follow_counter` must look.
+    """States after trusted samples of several sensors, of which none is lost; None where `follow_counter` is needed.
 
     `spans` are the sensors and the samples of each, end to end.
     """

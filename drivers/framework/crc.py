@@ -52,7 +52,7 @@ class Crc:
 
 
 class RowCrc:
-    """A CRC over some bits of rows of bytes, by tables of the contribution of each two bytes, which are added.
+    """CRC of some bits of each row of bytes, the sum of what each two bytes contribute by tables.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ class Line(NamedTuple):
 
 
 def split_lines(waiting: Frames, frames: Frames, begin: bytes = b"") -> tuple[list[Line], Frames]:
-    """Lines completed by further reads, and what waits for its end, to be given as `waiting` the next time.
+    """Lines completed by further reads, and the unfinished rest, to be passed as `waiting` the next time.
 
     The lines do not depend on how the bytes are split into reads, but for their stamps.
 

@@ -1,4 +1,4 @@
-"""Counters, checksums and status of a bus's messages, asked for only where the rig file names them."""
+"""Counters, checksums and status of a bus's messages, checked only where the rig file names them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Signals = Mapping[str, tuple[BusMessage, BusSignal]]
 
 @dataclass(frozen=True)
 class Checksum:
-    """A checksum over the bytes of a message in order, without those it fills itself, between constant ones."""
+    """A checksum over the bytes of a message in order, except its own, between constant bytes."""
 
     kind: str
     signal: Signal
@@ -71,7 +71,7 @@ class Status:
 
 @dataclass(frozen=True)
 class MessageChecks:
-    """What is asked of one message; nothing by default."""
+    """Checks of one message; none by default."""
 
     counter: Signal | None = None
     checksum: Checksum | None = None

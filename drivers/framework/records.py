@@ -51,7 +51,7 @@ class Records(NamedTuple):
     faults: NDArray[np.uint8]
 
     def after(self, held: Records) -> Records:
-        """These with others before them."""
+        """The records of `held`, then these."""
         if not len(held.t_ns):
             return self
         return Records(

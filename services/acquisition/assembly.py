@@ -128,7 +128,7 @@ class Assembly:
             self.manifest, self.phase, self.silent, self.pause = manifest, Phase.FETCHING, 0.0, 0.0
 
     def reopen(self) -> None:
-        """Go on with a run that was closed without all of it: its recorder was heard again."""
+        """Continue a run that was closed incomplete: its recorder was heard again."""
         self.phase, self.silent, self.asked, self.notes = Phase.RECORDING, 0.0, None, []
 
     def note(self, text: str) -> None:
@@ -152,7 +152,7 @@ class Assembly:
         return {name: self._spool.end(name) for name in self._spool.names()}
 
     def request(self) -> tuple[str, int, int] | None:
-        """The next blocks to request after those requested last: channel, first and last; None when there are all.
+        """The next blocks to request after those requested last: channel, first and last; None when all are here.
 
         What is nowhere kept is therefore asked for in turn with the rest.
         """

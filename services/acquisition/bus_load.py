@@ -47,7 +47,7 @@ class BusLoad:
             self._bits[frames.source] += bits
 
     def take(self, seconds: float) -> dict[str, float]:
-        """Load of each bus over so many seconds that have passed since the last call, 0 to 1."""
+        """Load of each bus, 0 to 1, over the `seconds` since the last call."""
         found = {name: bits / (self._rates[name] * seconds) for name, bits in self._bits.items()}
         self._bits = dict.fromkeys(self._bits, 0)
         return found

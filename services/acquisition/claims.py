@@ -61,7 +61,7 @@ class Claims:
         return any(self._clock() - since < LONGEST_WORK for since in self._working.get(keys, {}).values())
 
     def next(self, waiting: Iterable[Keys]) -> Keys | None:
-        """The run to work on now, of those that wait; None when it is not settled yet, or others work on them all."""
+        """The waiting run to work on now; None while claims are undecided, or others work on all of them."""
         runs = [keys for keys in waiting if not self._taken(keys)]
         if self._current not in runs:
             self.release()

@@ -38,7 +38,7 @@ def delivery_file(log: Path) -> Path:
 
 
 def note_delivery(log: Path, run_id: str, workers: Iterable[str] = ()) -> None:
-    """Write who has the run of a log, none at first; a disk that does not take it costs a second offer only."""
+    """Write which workers have the run of a log; where the disk refuses, the run is only offered once more."""
     file, part = delivery_file(log), delivery_file(log).with_suffix(".part")
     text = json.dumps({"format": FORMAT, "run_id": run_id, "workers": sorted(workers)}) + "\n"
     with contextlib.suppress(OSError):

@@ -154,7 +154,7 @@ def sensor_states(ledger: dict[str, Any]) -> list[dict[str, str]]:
 
 
 def marks_set(ledger: dict[str, Any], started_ns: int) -> list[dict[str, Any]]:
-    """Text and seconds since the run's start of each marker in a recorder's ledger; what is none is left out."""
+    """Text and seconds since the run's start of each marker in a recorder's ledger; invalid ones are left out."""
     found = ledger.get("marks")
     return [
         {"text": mark_text(str(one["text"])), "seconds": 1e-9 * (one["t_ns"] - started_ns)}

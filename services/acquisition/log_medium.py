@@ -1,4 +1,4 @@
-"""Medium of a log that is being written: forced writes in a thread of their own, stalls, room, and a file that goes."""
+"""Storage medium of a log being written: forced writes in their own thread, stalls, free space, a removed file."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ RATE_SECONDS = 30.0
 
 
 class LogMedium:
-    """Watcher of the file of a log, in a thread, so that a medium that stalls holds up nobody.
+    """Watcher of a log's file in its own thread, so that a stalled medium does not hold up the recorder.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class LogMedium:
         self._sizes = deque([(clock(), self.size())])
 
     def follow(self, before: LogMedium) -> None:
-        """Go on with the forecast of the file before this one of the run."""
+        """Continue the forecast of the run's file before this one."""
         self._sizes = before._sizes
 
     def start(self) -> None:
@@ -67,7 +67,7 @@ class LogMedium:
         self._thread.start()
 
     def stop(self) -> None:
-        """End the thread after a last forced write, and let go of the file; a medium that stalls is left alone."""
+        """End the thread after a last forced write and release the file, without waiting for a stalled medium."""
         if self._stop.is_set():
             return
         self._stop.set()
@@ -76,7 +76,7 @@ class LogMedium:
             os.close(self._fd)
 
     def check(self) -> None:
-        """Look whether the file is still there and the medium keeps up; call it every second or more often."""
+        """Check whether the file is still there and the medium keeps up; call it every second or more often."""
         begun, now = self._begun, self._clock()
         if begun is not None and now - begun > STALL_SECONDS and not self._stall_said:
             self._stall_said = True

@@ -27,7 +27,7 @@ def car_of(log: LogReader) -> str:
 
 
 def keep_blocks(publisher: RunPublisher, log: LogReader, rest: Callable[[], None] = lambda: None) -> None:
-    """Give a publisher the blocks of a log, for who asks for them; `rest` is called after each."""
+    """Give a publisher the blocks of a log, to answer requests with; `rest` is called after each."""
     for channel, message in log.block_messages():
         publisher.keep_block(channel, message, samples_in(pb.DecodedBlock, message))
         rest()

@@ -1,4 +1,4 @@
-"""Log of a run that is being recorded: its files one after the other, and what none of them could take."""
+"""Log of a run that is being recorded: its files one after the other, and what the disk could not store."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Split:
 
     @staticmethod
     def parse(text: str) -> Split:
-        """The split that an option says: ``10min``, ``30s``, ``1h``, ``500MB``, ``1GB``. Raises UsageError."""
+        """The split given by an option: ``10min``, ``30s``, ``1h``, ``500MB``, ``1GB``. Raises UsageError."""
         found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([a-zA-Z]+)", text.strip())
         if found and (unit := _UNITS.get(found[2])) and float(found[1]) * unit >= LEAST_SECONDS:
             return Split(seconds=float(found[1]) * unit)
@@ -182,7 +182,7 @@ class RunLog:
             self.error = f"{self._log.path} was removed or replaced, or its disk reported an error"
 
     def abandon(self, *exception: object) -> None:
-        """Close after an exception, with it as the reason; after none, which has closed it, do nothing."""
+        """Close with an exception as the reason; without one do nothing, since the log is closed."""
         if (error := exception[1]) is not None:
             text = f"{BROKE_OFF}{type(error).__name__}: {error}".strip(": ")
             with contextlib.suppress(LogWriteError):  # the exception already raised is reported instead

@@ -63,7 +63,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def read_states(folder: Path) -> list[RunState]:
-    """States of the runs in a folder whose logs are there; files that are none are left alone."""
+    """States of the runs in a folder whose logs are there; other files are ignored."""
     found: list[RunState] = []
     for path in sorted(folder.glob(f"*{SUFFIX}")):
         try:

@@ -43,7 +43,7 @@ USUAL = 3
 
 
 class SensorState(StrEnum):
-    """What a sensor does; of several the first of this list."""
+    """State of a sensor; where several apply, the first in this list."""
 
     SILENT = "silent"
     BABBLING = "babbling"
@@ -125,7 +125,7 @@ class SensorMonitor:
         return out
 
     def hidden_losses(self) -> dict[str, int]:
-        """Bus → samples that were lost unseen by counters of four bits, by the arrivals of those that came."""
+        """Bus → lost samples that four-bit counters hide, found by the arrival times of those received."""
         out: dict[str, int] = {}
         for one in self._sensors.values():
             lost = sum(self._channels[channel].level.lost for channel in one.rates if channel in self._numbered)

@@ -22,7 +22,7 @@ force: Callable[[int], None] = getattr(os, "fdatasync", os.fsync)
 
 
 def lock(descriptor: int) -> None:
-    """Lock a file for as long as it is open, if the system and the file system have locks; others see `is_locked`."""
+    """Lock a file for as long as it is open, where system and file system have locks; others see it by `is_locked`."""
     with suppress(ImportError, OSError):
         import fcntl
 
@@ -43,7 +43,7 @@ def is_locked(descriptor: int) -> bool:
 
 
 def lower_priority() -> None:
-    """Let other programs go first, a recorder on this machine; nothing where the system has no such call."""
+    """Give other programs on this machine precedence, such as a recorder; nothing where the system has no such call."""
     if hasattr(os, "nice"):
         os.nice(NICE)
 
@@ -71,7 +71,7 @@ def require_linux(what: str) -> None:
 
 
 def linux_only(what: str) -> UsageError:
-    """The error of what only Linux can do."""
+    """The error for what only Linux can do."""
     return UsageError(
         f"{what} need Linux: SocketCAN, stamps and loss counts of the kernel. Logs made there are decoded, identified "
         "and diagnosed on this system"

@@ -1,4 +1,4 @@
-"""Files of a study replaced and removed from the page: what then no longer fits together is said before.
+"""Replacement and removal of a study's files from the page, and what they would put out of step.
 
 Nothing is erased: what is removed or replaced is moved into the study's folder `removed`, with the time in its name.
 """
@@ -51,7 +51,7 @@ def consequences(cache: SessionCache, name: str) -> dict[str, Any]:
 
 
 def remove(cache: SessionCache, name: str) -> dict[str, Any]:
-    """Move a file, with all that it is read with, into the folder of what was removed.
+    """Move a file, with all that it is read with, to `DIR/removed`.
 
     Raises UsageError for a file that the study needs or that lies elsewhere, NotThere for one that there is not.
     """

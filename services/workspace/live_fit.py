@@ -166,7 +166,7 @@ class LiveFit:
             self._beside.exception()
 
     def seconds_there(self, samples: LiveSamples) -> int:
-        """Whole seconds of which every channel has its samples, but those that are silent [s]."""
+        """Whole seconds for which every channel that is not silent has its samples [s]."""
         ends = [int(block.t_ns[-1]) for block in samples.blocks(samples.latest_ns - round(SILENT * 1e9)).values()]
         return max(0, math.floor(1e-9 * (min(ends) - self._begin_ns))) if ends else 0
 

@@ -64,7 +64,7 @@ class LiveFollower:
         """Whether a run was heard and its recorder is gone."""
 
     def turn(self, timeout: float) -> dict[str, Any] | None:
-        """Take what has come within `timeout` [s]; what is known of the next whole second, None where there is none."""
+        """Process what comes within `timeout` [s]; the state at the next whole second, None where there is none yet."""
         message = self._listener.get(timeout)
         for _ in range(MESSAGES):
             if message is None:
@@ -127,7 +127,7 @@ class LiveFollower:
 
 
 def nothing_known(target: float, why: str) -> dict[str, Any]:
-    """What is known without a recording, as `LiveFollower.state` has it: `why` nothing is."""
+    """The state without a recording, in the form of `LiveFollower.state`; `why` : the reason."""
     return {
         "run_id": "", "recording": False, "target": target, "why": why, "line": why, "sensors": [], "losses": "",
         "marks": [], "seconds": None, "behind": None, "from_scratch": False, "since": None, "took": None, "rows": [],

@@ -55,7 +55,7 @@ class Loaded:
 
 @dataclass(frozen=True)
 class ReadyRun:
-    """A run without what is left out of it, and prepared.
+    """A run prepared for fitting, without the channels that are left out.
 
     `run` : as read, None where it is not kept; `sound` : whether units, signs and values raised no doubt; `noise` :
     measured noise of its channels.
@@ -222,7 +222,7 @@ def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, w
 
 
 def in_common(ready: Sequence[ReadyRun]) -> tuple[list[ReadyRun], tuple[NoiseLevel, ...]]:
-    """Runs with the noise that they have in common, and without assumptions where one of them measures; that noise."""
+    """Runs with their common noise, and without assumptions on what one of them measures; and that noise."""
     ready = _assuming_only_what_none_measures(ready)
     levels = quietest([one.noise for one in ready])
     return [one.with_noise(levels) for one in ready], tuple(levels)

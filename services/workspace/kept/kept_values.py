@@ -61,7 +61,7 @@ class KeptValues:
         self.runs.study, self._cache = study, StudyCache(study)
 
     def forget(self, number: int) -> None:
-        """Let go of what was computed for a version's number; what is kept on disk stays."""
+        """Drop the values of a version's number from memory; those on disk stay."""
         for values in (self._fits, self._floors):
             values.pop(number, None)
         for held in (False, True):

@@ -1,4 +1,4 @@
-"""Runs of a study as they are kept: their channels on the grid, of which all else follows quickly."""
+"""Storage form of a study's runs: their channels on the grid, from which all else is computed quickly."""
 
 from __future__ import annotations
 

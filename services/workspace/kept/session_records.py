@@ -1,4 +1,4 @@
-"""Fits and rankings without what a study makes again (runs, model, effects), for keeping, and the whole ones again."""
+"""Storage form of fits and rankings, without what a study makes anew (runs, model, effects), and the way back."""
 
 from __future__ import annotations
 
