@@ -21,7 +21,7 @@ def free_bytes() -> int:
 
 
 class DiskSpace:
-    """Space for arrays in a file without a name, in the folder for temporary files (TMPDIR), freed with this object.
+    """Space for arrays in a file without a name, in the folder for temporary files (TMPDIR), released with this object.
 
     The file is made with the first arrays. One thread at a time may write. Raises OSError when the disk is full.
     """
