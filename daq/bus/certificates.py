@@ -50,7 +50,7 @@ class Role(StrEnum):
 
 @dataclass(frozen=True)
 class Names:
-    """Names of all that are certified: who is on none of the lists may do nothing, whatever certificate it has."""
+    """Names of all holders by role: one on no list may do nothing, whatever certificate it has."""
 
     roles: dict[str, Role]
 

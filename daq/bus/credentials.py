@@ -96,7 +96,7 @@ class Credentials:
 
 
 def access_control(names: Names) -> dict[str, Any]:
-    """Zenoh's access control for the session of any holder: what each other one may send to it and be sent by it."""
+    """Zenoh's access control for the session of any holder: what every other may send to it and receive from it."""
     rules: list[dict[str, Any]] = []
     policies: list[dict[str, Any]] = []
     for name, role in sorted(names.roles.items()):

@@ -1,4 +1,4 @@
-"""Digest of all blocks of a run, which only who holds every block can know."""
+"""Digest of all blocks of a run, which only a holder of every block can compute."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class RunDigest:
         self._channels: dict[str, Any] = {}
 
     def add(self, channel: str, message: bytes) -> None:
-        """Take in the next block of a channel."""
+        """Add the next block of a channel."""
         found = self._channels.setdefault(channel, hashlib.sha256())
         found.update(len(message).to_bytes(8, "little"))
         found.update(message)

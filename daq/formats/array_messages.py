@@ -130,7 +130,7 @@ def block_from_bytes(data: bytes) -> tuple[Block, int]:
 
 
 def samples_in(kind: type[pb.RawFrames] | type[pb.DecodedBlock], data: bytes) -> int:
-    """Number of frames or samples in a message, which is looked at no further. Raises WireError when it is none."""
+    """Number of frames or samples in a message, without decoding the rest. Raises WireError when it is none."""
     message = parse(kind, data)
     return len(message.length) if isinstance(message, pb.RawFrames) else len(message.flags)
 

@@ -1,4 +1,4 @@
-"""What is whole of a damaged log, as a new and finished one."""
+"""Recovery of a damaged log: its complete records in a new, finished one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Records of MCAP files that may be damaged: what can be one, what is in a chunk, where the next chunk begins.
+"""Records of MCAP files that may be damaged: recognition of records, contents of chunks, position of the next chunk.
 
 Format: https://mcap.dev/spec. Definitions are interpreted by the `mcap` library.
 """

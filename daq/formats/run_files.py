@@ -98,7 +98,7 @@ def next_path(first: Path, part: int) -> Path:
 
 
 def first_files(paths: Iterable[Path]) -> list[Path]:
-    """The files, without those that are further files of a run of which an earlier one is among them."""
+    """The files, less later ones of a run of which an earlier one is given."""
     paths = list(paths)
     there = {path.resolve() for path in paths}
     out: list[Path] = []

@@ -47,7 +47,7 @@ class ChangedRunError(Exception):
 
 @dataclass(frozen=True, repr=False)
 class GrownFit(FittedModel):
-    """A fit that went on, without its runs.
+    """An extended fit, without its runs.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class GrownFit(FittedModel):
 
     @property
     def covariances_searched(self) -> tuple[Array, Array]:
-        """`covariance` and `covariance_sheet`, wider by what is not known of shape constants."""
+        """`covariance` and `covariance_sheet`, widened by the uncertainty of shape constants."""
         own, sheet = self.searched
         return self.covariance * np.outer(own, own), self.covariance_sheet * np.outer(sheet, sheet)
 

@@ -43,7 +43,7 @@ class Enough:
 
 
 def seconds_needed(fitted: Fit | GrownFit, target: float, length: float) -> Enough:
-    """What is needed that each parameter's half interval is at most `target` of its value.
+    """Whether and when each parameter's half interval is at most `target` of its value.
 
     Parameters
     ----------

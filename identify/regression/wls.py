@@ -36,7 +36,7 @@ from lacet.identify.regression.uncertainty import at_least, block_bootstrap, spr
 
 @dataclass(frozen=True)
 class Stored:
-    """Intermediate results of a fit that fits to the same motions with other noise share.
+    """Intermediate results of a fit, for further fits to the same motions with other noise.
 
     `responses` of the residual to channels and sensor sheet; `moments` of the noise in the regressors.
     """

@@ -1,4 +1,4 @@
-"""A run as the equations take it: without channels that nothing needs, travel as the hub laser it stands in for."""
+"""A run reduced to the channels of its equations; travel becomes the hub laser that it stands in for."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ class CubicSpline:
         return cls(knots, values, np.asarray(slopes, float).T)
 
     def at(self, x: Array, derivative: int = 0) -> Array:
-        """(k, N) values at `x` (N,), or first or second derivatives; beyond the ends the last pieces go on."""
+        """(k, N) values at `x` (N,), or first or second derivatives; the last pieces are continued beyond the ends."""
         piece = np.clip(np.searchsorted(self.knots, x, side="right") - 1, 0, len(self.knots) - 2)
         h = np.diff(self.knots)[piece]
         u = (x - self.knots[piece]) / h

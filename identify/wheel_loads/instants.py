@@ -83,12 +83,12 @@ class RowErrors:
     assumed: Array
 
     def variance(self, alike: float = 1.0) -> Array:
-        """(rows,) variance of a row; errors other than noise count as if so many samples had the same one."""
+        """(rows,) variance of a row, in which errors other than noise stay the same for `alike` samples."""
         return np.diag(self.noise) + alike * (self.lack + self.assumed)
 
 
 class Instants:
-    """A run, or a piece of a long one, on its way to wheel loads.
+    """Equations of a run, or of a piece of a long one, for its wheel loads at each instant.
 
     Parameters
     ----------

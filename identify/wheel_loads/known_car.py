@@ -21,7 +21,7 @@ _SMALLEST = 1e-9
 
 @dataclass(frozen=True)
 class Changes:
-    """What differs on a run from the car of the study.
+    """Differences between the car on a run and that of the study.
 
     Attributes
     ----------

@@ -77,7 +77,7 @@ class WheelAxes:
 
 
 class TyreContact:
-    """How the unknown forces make the wheels' loads, with what is assumed of the contact between tyre and road.
+    """Wheel loads as a function of the unknown forces, with assumptions on the contact between tyre and road.
 
     Parameters
     ----------

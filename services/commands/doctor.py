@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Look and print; 3 with warnings."""
+    """Check and print; 3 with warnings."""
     buses = Rig.load(args.rig).buses if args.rig else {}
     found = [python(), *packages(), *wires(buses), clock(synchronisation()), disk(args.logs), browser()]
     width = max(len(one.name) for one in found)

@@ -1,4 +1,4 @@
-"""``lacet recover``: what is whole of a damaged log, as a new one."""
+"""``lacet recover``: write the complete records of a damaged log into a new one."""
 
 from __future__ import annotations
 

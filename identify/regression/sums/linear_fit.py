@@ -83,7 +83,7 @@ L_co = TypeVar("L_co", bound=LinearisedRuns, covariant=True)
 
 
 class RunSums(Protocol[L_co]):
-    """Runs, wherever they are, as a fit asks for their sums."""
+    """Interface of runs, in this process or elsewhere, by the sums that a fit needs."""
 
     @property
     def levers(self) -> Mapping[Row, float]:
