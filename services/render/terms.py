@@ -48,8 +48,7 @@ TERMS: dict[str, Term] = {
     ),
     "vaf": Term(
         "variance explained",
-        "100 % less the residual's part of the measured variance. It says nothing of a row that is hardly more "
-        "than noise, where a dash stands.",
+        "100 % less the residual's part of the measured variance. A dash stands where a row is hardly more than noise.",
         "glossary.md",
     ),
     "validation": Term(
@@ -65,8 +64,7 @@ TERMS: dict[str, Term] = {
     ),
     "colour": Term(
         "residual like noise, or coloured",
-        "Whether the residual's spectrum is that of the sensors' noise; otherwise the frequency at which most is too "
-        "much.",
+        "Whether the residual's spectrum is that of the sensors' noise; otherwise the frequency of the largest excess.",
         "derived.md",
     ),
     "judged": Term(
@@ -77,8 +75,8 @@ TERMS: dict[str, Term] = {
     ),
     "source": Term(
         "source of a row",
-        "Whether all channels of a row's equation are measured, derived from others, assumed with a tolerance, or what "
-        "would have to be added.",
+        "Whether the channels of a row's equation are measured, derived from others or assumed with a tolerance; else "
+        "what would have to be added.",
         "fewer-instruments.md",
     ),
     "share": Term(
@@ -130,7 +128,7 @@ TERMS: dict[str, Term] = {
     "lead": Term(
         "weighted squares ahead",
         "By how much the effect explains the residual better than its best rival, in squares of the noise floor. "
-        f"From {NEEDED:g} on the wrong one is picked once in 160 times.",
+        f"At {NEEDED:g} the wrong one is picked once in 160 times.",
         "separation.md",
     ),
     "signature": Term(
@@ -150,7 +148,7 @@ TERMS: dict[str, Term] = {
     ),
     "coherence": Term(
         "coherence",
-        "Part of the residual's power, line by line, that is linear in a state, however delayed.",
+        "Part of the residual's power, frequency by frequency, that is linear in a state, however delayed.",
         "where.md",
     ),
     "left": Term(
@@ -185,7 +183,7 @@ TERMS: dict[str, Term] = {
     ),
     "flagged": Term(
         "flagged samples",
-        "Samples that are marked as not to be used: beyond the range, reported bad by the sensor, or stuck.",
+        "Samples marked as unusable: beyond the range, reported bad by the sensor, or stuck.",
         "log.md",
     ),
     "losses": Term(

@@ -76,7 +76,7 @@ export function createVerdictCard(app, previews, act) {
       h("p", { text: d.says }),
       h("p", {
         class: "muted sub",
-        text: `Version ${study.current}; ${d.draws} simulations stand behind every p. Held-out runs were not looked at.`,
+        text: `Version ${study.current}; every p is from ${d.draws} simulations. Held-out runs were not used.`,
       }),
       formulas(d),
     );

@@ -111,7 +111,7 @@ export function createJobBar(root, { cancel, again }) {
     meter.classList.toggle("unseen", !up || !job || part(job) === null);
     meter.value = (job && part(job)) ?? 0;
     note.textContent = note.title = other
-      ? "Another program is writing to this study. Does that stay and none is? Remove the file .writing of its folder."
+      ? "Another program is writing to this study. If none is and this message stays, remove the file .writing from its folder."
       : warnings.join("; ");
     note.classList.toggle("bad", other);
   }
