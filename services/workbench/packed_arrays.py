@@ -1,4 +1,4 @@
-"""Binary answers with arrays: a head in JSON, then single-precision arrays in succession (``docs/workbench.md``)."""
+"""Binary answers with arrays: a head in JSON, then single-precision arrays (``docs/workbench-api.md``)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Routes of the server, requests and answers (listed in ``docs/workbench.md``)."""
+"""Routes of the server, requests and answers (listed in ``docs/workbench-api.md``)."""
 
 from __future__ import annotations
 

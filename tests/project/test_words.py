@@ -75,7 +75,10 @@ SIDES = r"(?i:right|forward|rear)|\"lr?\""
 """In code about a side of the car, of an equation or of a picture one of these stands beside `left`."""
 
 ALLOWED_IN: dict[tuple[str, str], str] = {
-    ("services/workbench/static/js/views/user_effect.js", "tells"): "a key of the server's answer (docs/workbench.md)",
+    (
+        "services/workbench/static/js/views/user_effect.js",
+        "tells",
+    ): "a key of the server's answer (docs/workbench-api.md)",
 }
 
 

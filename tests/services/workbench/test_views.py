@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fastapi.routing import APIRoute
 from fastapi.testclient import TestClient
 
 from lacet.daq.formats.open_run import open_run
@@ -20,11 +22,13 @@ from lacet.services.render.rows import with_verdict
 from lacet.services.workbench import run_channels
 from lacet.services.workbench.packed_arrays import packed, unpacked
 from lacet.services.workbench.residual_views import where_payload
+from lacet.services.workbench.routes import api, nothing
 from lacet.services.workbench.server import Settings, create_app
 from lacet.services.workbench.session_cache import SessionCache
 from lacet.services.workspace.kept import kept_values
 from tests.services.workbench.bench_page import Page
 from tests.services.workbench.conftest import DRAWS
+from tests.support.places import HOME
 
 
 def arrays(page: Page, path: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -32,6 +36,22 @@ def arrays(page: Page, path: str) -> tuple[dict[str, Any], dict[str, np.ndarray]
     answer = page.client.get(f"/api/{path}")
     assert answer.status_code == 200, answer.text
     return unpacked(answer.content)
+
+
+def test_the_page_of_the_api_lists_the_server_s_routes():
+    page = (HOME / "docs" / "workbench-api.md").read_text(encoding="utf-8")
+    listed = set()
+    for cell in re.findall(r"^\| (`(?:GET|POST|PUT|DELETE) .*?) \| ", page, re.MULTILINE):
+        method = cell[1:].partition(" ")[0]
+        for path in re.findall(r"/api/[\w/-]+", cell):
+            listed.add((method, re.sub(r"\b[A-Z]+\b", "{}", path)))
+    served = {
+        (method, re.sub(r"\{.*?\}", "{}", route.path))
+        for route in api.routes
+        if isinstance(route, APIRoute) and route.endpoint is not nothing
+        for method in route.methods
+    }
+    assert listed == served
 
 
 def test_numbers_go_through_the_wire_aligned():

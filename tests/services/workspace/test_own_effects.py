@@ -215,6 +215,14 @@ def test_the_lines_of_page_and_help_are_laws():
             assert effect_class(read_line(line)).name
 
 
+def test_the_pages_first_line_is_read_as_shown(study: Study, capsys: pytest.CaptureFixture[str]):
+    page = (HOME / "docs" / "effects.md").read_text(encoding="utf-8")
+    line = re.findall(r'lacet effect STUDY "([^"]+)"', page)[0]
+    (shown,) = re.findall(r"^```\n(bump:.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert effect(study, line) == 0
+    assert shown.replace("rough.parquet", "run.parquet") in capsys.readouterr().out
+
+
 def test_the_pages_file_is_an_effect(study: Study, drive: PreparedRun):
     """The class of the page is found in the study, and gives columns."""
     page = (HOME / "docs" / "effects.md").read_text(encoding="utf-8")
