@@ -105,7 +105,7 @@ def available(
         elif row.combined and not absent and all(one in elsewhere for one in ROLL_AND_PITCH):
             left_out[row] = RowAbsence(Absence.MEASURED_ELSEWHERE, lacking)
         elif absent:
-            left_out[row] = RowAbsence(Absence.CHANNELS, fewest(row, absent))
+            left_out[row] = RowAbsence(Absence.CHANNELS, fewest(row, absent), beside=torque.missing)
         elif row in elsewhere and any(sources[channel].kind is Kind.ASSUMED for channel in lacking):
             left_out[row] = RowAbsence(Absence.MEASURED_ELSEWHERE, lacking)
         elif torque.missing is not None:

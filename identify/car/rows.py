@@ -151,11 +151,15 @@ class Absence(Enum):
 
 @dataclass(frozen=True)
 class RowAbsence:
-    """Absence of a row: its `cause`, the `channels` that are not measured (or show it), the run's `brakes`."""
+    """Absence of a row: its `cause`, the `channels` that are not measured (or show it), the run's `brakes`.
+
+    `beside` : what else is lacking, of the torques on the wheel.
+    """
 
     cause: Absence
     channels: tuple[str, ...]
     brakes: str = ""
+    beside: RowAbsence | None = None
 
 
 def needs(
@@ -252,15 +256,20 @@ _NEVER_ASSUMED = ("imu.accel", "imu.rate", "imu.attitude", "laser.ground")
 """Families of channels that nothing stands in for by an assumption."""
 
 
+_INERTIAL = ("imu.accel", "imu.rate")
 _PARTIAL = {"wheel.force": {2}, "imu.accel": {1}, "imu.rate": {2}}
 """Families of channels that others stand in for in some components only."""
 
 
 def instead(row: Row, channel: str) -> tuple[str, ...]:
     """Channels that serve a row as well as one that it needs, any of them, the best first."""
-    given = _PARTIAL.get(CHANNELS[channel].family)
-    if given is not None and not set(leading(row).get(channel, ())) <= given:
-        return ()
+    # Of an inertial unit the car's own bus replaces all or nothing.
+    together = _INERTIAL if channel in _INERTIAL else (channel,)
+    must = leading(row)
+    for one in together:
+        given = _PARTIAL.get(CHANNELS[one].family)
+        if given is not None and not set(must.get(one, ())) <= given:
+            return ()
     return alternatives(channel)
 
 
@@ -282,3 +291,12 @@ def fewest(row: Row, absent: tuple[str, ...]) -> tuple[str, ...]:
     """Of absent channels the fewest that would have to be measured: with them the others can be assumed."""
     needed = {*leading(row)}
     return tuple(c for c in absent if c in needed or CHANNELS[c].family in _NEVER_ASSUMED) or absent
+
+
+def least(row: Row, reference: str) -> tuple[str, ...]:
+    """Channels that must be measured for a row, or what serves as well (`instead`); the others can be assumed.
+
+    For a tyre its own ground laser and the attitude: those of three corners serve in place of that.
+    """
+    grounds = CORNERS if row.corner is None else (row.corner,)
+    return fewest(row, needs(row, reference, grounds))

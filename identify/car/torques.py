@@ -109,12 +109,19 @@ def _suspension_torque(corner: Corner, slope: float, measured: Container[str], b
 
 def _spin_torque(corner: Corner, measured: Container[str], brakes: str) -> Torque:
     shaft, brake = f"shaft.{corner.name}.torque", f"brake.{corner.name}.torque"
+    by_shaft = corner.brakes == "inboard"  # the brake's torque is in the half-shaft's
+    if shaft not in measured and corner.driven:
+        beside = None if by_shaft else _brake_torque(shaft, brake, measured, brakes).missing
+        return Torque(missing=RowAbsence(Absence.DRIVE_TORQUE, (shaft,), beside=beside))
     if shaft not in measured:
-        if corner.driven:
-            return Torque(missing=RowAbsence(Absence.DRIVE_TORQUE, (shaft,)))
         shaft = ""
-    elif corner.brakes == "inboard":  # the brake's torque is in the half-shaft's
+    elif by_shaft:
         return Torque(shaft=shaft)
+    return _brake_torque(shaft, brake, measured, brakes)
+
+
+def _brake_torque(shaft: str, brake: str, measured: Container[str], brakes: str) -> Torque:
+    """Torques on a wheel with an outboard brake in its spin row, the half-shaft's measured or none."""
     if brakes == "off":
         return Torque(shaft=shaft, released=PRESSURE in measured)
     if brake in measured:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lacet.daq.channels import CHANNELS
 from lacet.identify.car.car_tree import CHASSIS
-from lacet.identify.car.rows import SPRUNG_MASS, Row, RowAbsence
+from lacet.identify.car.rows import SPRUNG_MASS, Absence, Row, RowAbsence
 from lacet.identify.car.sources.nominal_load import given_parameters
 from lacet.identify.effects.base import Effect, columns_by_row
 from lacet.identify.intervals import TWO_SIDED_95
@@ -155,7 +156,7 @@ def estimates(fitted: FittedModel, drawn: Array | None = None, runs: Sequence[Pr
         blocks = 0.5 * np.asarray(np.ptp(np.percentile(drawn, (2.5, 97.5), axis=0), axis=0), float)
     owners = [effect for effect in (*fitted.model.physics, *fitted.model.faults) for _ in effect.parameters]
     physics = len(fitted.physics)
-    aside = any(row.combined for row in fitted.sigma)
+    by_body = any(row.combined for row in fitted.sigma)
     unmoved = by_assumed_motion(runs)
     for i, (parameter, effect) in enumerate(zip(fitted.model.parameters, owners, strict=True)):
         value = float(fitted.theta[i])
@@ -166,11 +167,16 @@ def estimates(fitted: FittedModel, drawn: Array | None = None, runs: Sequence[Pr
                 why = AssumedMotion()
             elif plain[i] > _WIDE * parameter.prior:
                 why = HardlyKnown(TWO_SIDED_95 * float(plain[i]), parameter.unit, shown_by(parameter.name, effect))
-            elif TWO_SIDED_95 * sigma[i] > max(abs(value), _natural(fitted, parameter.name)):
-                why = WiderThanValue(TWO_SIDED_95 * float(sigma[i]), parameter.unit, shown_by(parameter.name, effect))
-            elif aside and half_sheet[i] > WIDE * max(abs(value), _usual(fitted, parameter.name, runs)):
+            else:
+                wide = TWO_SIDED_95 * sigma[i] > max(abs(value), _natural(fitted, parameter.name))
+                aside = by_body and half_sheet[i] > WIDE * max(abs(value), _usual(fitted, parameter.name, runs))
                 own = [q.name for q in effect.parameters].index(parameter.name)
-                why = SeenAside(float(half_sheet[i]), parameter.unit, *_own_row(runs, effect, own))
+                row, absence = _own_row(runs, effect, own) if aside or wide else (None, None)
+                if wide and row is None:
+                    width = TWO_SIDED_95 * float(sigma[i])
+                    why = WiderThanValue(width, parameter.unit, shown_by(parameter.name, effect))
+                elif aside or wide:
+                    why = SeenAside(float(half_sheet[i]), parameter.unit, row, absence)
         elif i < physics:
             why = _grouped(fitted, i, effect, runs)
         out.append(
@@ -214,7 +220,8 @@ def _grouped(fitted: FittedModel, i: int, effect: Effect, runs: Sequence[Prepare
     if i in fitted.base.absent and (given := _given(name, runs)):
         return GivenBeforehand(given)
     if i in fitted.base.absent:
-        return _rows_absent(runs, effect) or NoDependence(shown_by(name, effect))
+        own = [q.name for q in effect.parameters].index(name)
+        return _rows_absent(runs, effect, own) or NoDependence(shown_by(name, effect))
     column = int(np.flatnonzero(fitted.base.dependent == i)[0])
     holders = [fitted.model.names[int(k)] for k in fitted.base.independent[fitted.base.relations[:, column] != 0.0]]
     return CountedWith(tuple(holders))
@@ -227,23 +234,39 @@ def _given(name: str, runs: Sequence[PreparedRun]) -> str:
     return given_parameters(runs[0].recording).get(name, "")
 
 
-def _rows_absent(runs: Sequence[PreparedRun], effect: Effect) -> RowsAbsent | None:
-    """The reason when every row the effect acts on is absent from every run for a channel, not for the manoeuvre."""
+def _rows_absent(runs: Sequence[PreparedRun], effect: Effect, own: int) -> RowsAbsent | None:
+    """The reason when every row that a parameter of an effect acts on is absent from every run, not for the manoeuvre.
+
+    `own` : its place among the effect's parameters.
+    """
     reasons: dict[Row, RowAbsence | None] = {}
     physics = effect.as_physics
     if physics is None or not runs:
         return None
     for run in runs:
-        rows = tuple(columns_by_row(physics, run.kept_motion))
+        rows = tuple(row for row, table in columns_by_row(physics, run.kept_motion).items() if np.any(table[own]))
         if not rows or any(row in run.rows for row in rows):
             return None
         reasons |= {row: run.measured_rows.left_out.get(row) for row in rows}
-    row, absence = next(iter(reasons.items()))
-    return RowsAbsent(row, len(reasons) > 1, absence)
+    others = len(reasons) > 1
+    # Without wheel loads a tyre acts in the row of its corner too, which needs less.
+    left_out = runs[0].measured_rows.left_out
+    corners = [row for c in effect.corners() if (row := Row(f"corner.{c}")) in left_out]
+    reasons |= {row: left_out[row] for row in corners if any(one.kind == "tyre" for one in reasons)}
+    row = min(reasons, key=lambda one: _lacks(reasons[one]))
+    return RowsAbsent(row, others, reasons[row])
+
+
+def _lacks(absence: RowAbsence | None) -> int:
+    """Number of channels that an absent row lacks; a row that lacks something else comes last."""
+    return len(absence.channels) if absence and absence.cause is Absence.CHANNELS else len(CHANNELS)
 
 
 def _own_row(runs: Sequence[PreparedRun], effect: Effect, parameter: int) -> tuple[Row | None, RowAbsence | None]:
-    """The absent row in which a parameter of an effect acts most, and why it is absent; None where there is no such."""
+    """The absent row in which a parameter of an effect acts most, and why it is absent; None where there is no such.
+
+    It must act in it more than in any row that is formed and no combination of others.
+    """
     physics, energy = effect.as_physics, dict[Row, float]()
     if physics is None:
         return None, None
@@ -252,7 +275,8 @@ def _own_row(runs: Sequence[PreparedRun], effect: Effect, parameter: int) -> tup
             energy[row] = energy.get(row, 0.0) + float(np.sum(columns[parameter] ** 2))
     present = {row for run in runs for row in run.rows}
     absent = {row: e for row, e in energy.items() if row not in present}
-    if not absent:
+    formed = [e for row, e in energy.items() if row in present and not row.combined]
+    if not absent or max(absent.values()) <= max(formed, default=0.0):
         return None, None
     row = max(absent, key=lambda one: absent[one])
     return row, runs[0].measured_rows.left_out.get(row)

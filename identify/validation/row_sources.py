@@ -92,6 +92,8 @@ def _of_run(run: PreparedRun, responses: Mapping[str, Mapping[Row, float]]) -> l
     grounds = tuple(c for c in recording.vehicle.corners if f"laser.{c}.ground" in recording.signals.value)
     out: list[RowSource] = []
     for row in ROWS:
+        if row.combined and row not in measured_rows.torques and row not in measured_rows.left_out:
+            continue  # beside measured wheel loads it says nothing
         if row not in run.rows:
             absence = measured_rows.left_out.get(row)
             out.append(RowSource(row, RowKind.IMPOSSIBLE, (run.name,), {}, {}, {}, 0.0, 0.0, absence))

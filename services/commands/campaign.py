@@ -188,7 +188,7 @@ def _print(result: dict[str, Any], most: int) -> None:
     print("95 %: noise and zeros, residuals correlated. With sheet: gains and latencies of the sensor sheet as well.")
     if result["not_identifiable"]:
         names = ", ".join(item["name"] for item in result["not_identifiable"])
-        print(f"\nNot identifiable with these runs: {names}")
+        print("\n" + tables.wrapped(f"Not identifiable with these runs: {names}", 2))
     ratios = [[row, f"{ratio:.2f}", "fails" if fails(ratio) else ""] for row, ratio in result["row_ratios"].items()]
     print("\nError ÷ noise floor, over all runs:\n" + tables.table(["row", "error ÷ floor", ""], ratios))
     worst = sorted(result["runs"], key=lambda one: -one["overall"])[:most]

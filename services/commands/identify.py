@@ -143,7 +143,7 @@ def run(args: argparse.Namespace) -> int:
         print("They are in the intervals with sheet. Give what you know better in [assumed] of the vehicle file.")
     if result["not_identifiable"]:
         names = ", ".join(item["name"] for item in result["not_identifiable"])
-        print(f"\nNot identifiable with these runs (--why says why): {names}")
+        print("\n" + tables.wrapped(f"Not identifiable with these runs (--why says why): {names}", 2))
         if args.why:
             print(tables.unknowns(result))
             print("\nWhat the runs leave open:\n" + "\n".join(f"  {line}" for line in left_open(fitted)))

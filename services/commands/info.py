@@ -14,12 +14,12 @@ from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.car.rows import ROWS, lacking, needs
+from lacet.identify.car.rows import ROWS, lacking, least, needs
 from lacet.services.acquisition.stream_decoder import Decoder
 from lacet.services.commands.progress import Line
 from lacet.services.render import effect_text, tables
 from lacet.services.render.model_text import print_model
-from lacet.services.render.row_sources import shortened
+from lacet.services.render.row_sources import needs_text, shortened
 from lacet.services.workspace.effect_list import list_effects
 from lacet.services.workspace.model_tree import find_model, model_info
 
@@ -115,9 +115,10 @@ def _effects(vehicle: Vehicle, reference: str, name: str) -> list[dict[str, Any]
 
 
 def _rows(reference: str) -> list[dict[str, Any]]:
-    lines = [[row, row.unit, ", ".join(shortened(needs(row, reference)))] for row in ROWS]
-    print(tables.table(["row", "unit", "needs"], lines, text_columns=3))
-    return [{"row": row, "unit": row.unit, "needs": needs(row, reference)} for row in ROWS]
+    print(needs_text(ROWS, reference))
+    return [
+        {"row": row, "unit": row.unit, "needs": needs(row, reference), "least": least(row, reference)} for row in ROWS
+    ]
 
 
 def _file(path: Path, map: Path | None = None) -> tuple[int, dict[str, Any]]:

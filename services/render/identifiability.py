@@ -53,8 +53,7 @@ def unidentified(why: Unidentified | None) -> str:
         case NoDependence(shown_by):
             return f"nothing these runs measure depends on it; {_SHOWS}{shown_by}"
         case RowsAbsent(row, others, absence):
-            reason = row_absence(absence) if absence else "no usable sample"
-            return f"{row}{' and others' if others else ''} left out: {reason}"
+            return f"{row}{' and others' if others else ''} left out: {to_add(row, absence)}"
         case SeenAside(half, unit, row, absence):
             wide = f"its 95 % interval with sheet (± {half_width(half)} {unit}) is wider than {100 * WIDE:.0f} % of it"
             return wide if row is None else f"{wide}: {row} would show it, and {to_add(row, absence)}"

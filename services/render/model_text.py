@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping
 from typing import Any
 
 from lacet.services.render import tables
 from lacet.services.render.row_sources import assumptions_table, sources_table
-
-_WIDTH = 118
 
 
 def print_model(model: Mapping[str, Any]) -> None:
@@ -40,11 +37,11 @@ def _print_parameters(model: Mapping[str, Any]) -> None:
         f"\nIn principle (any motion, brakes {model['brakes']}): {len(lines)} parameters, of which the equations can "
         f"determine {model['base_rank']}\n(smallest pivot kept ÷ largest dropped: {model['singular_gap']:.1e})."
     )
+    for why, rows in _alike(model["rows_left_out"]).items():
+        print(tables.wrapped(f"  rows not formed: {', '.join(rows)}: {why}", 4))
     if runs:
         identified = sum(line["with_runs"] not in (None, "no") for line in lines)
         print(f"With {', '.join(runs)}: {identified}.")
-    for why, rows in _alike(model["rows_left_out"]).items():
-        print(_wrapped(f"  rows not formed: {', '.join(rows)}: {why}", 4))
     if model["row_sources"]:
         print(f"\n{sources_table(model['row_sources'])}")
         if assumed := assumptions_table(model["row_sources"]):
@@ -59,7 +56,7 @@ def _print_parameters(model: Mapping[str, Any]) -> None:
         ]
         for line in lines
     ]  # fmt: skip
-    room = _WIDTH - sum(max(len(row[k]) for row in (head, *body)) + 2 for k in range(len(head) - 1)) - 2
+    room = tables.WIDTH - sum(max(len(row[k]) for row in (head, *body)) + 2 for k in range(len(head) - 1)) - 2
     cut = [[*row[:-1], row[-1] if len(row[-1]) <= room else row[-1][: room - 2] + " …"] for row in body]
     print("\n" + tables.table(head, cut, text_columns=len(head)))
     for title, asked_for in (
@@ -70,9 +67,9 @@ def _print_parameters(model: Mapping[str, Any]) -> None:
         if reasons:
             print(f"\n{title}:")
         for why, names in reasons.items():
-            print(_wrapped(f"  {', '.join(names)}: {why}", 4))
+            print(tables.wrapped(f"  {', '.join(names)}: {why}", 4))
     for warning in model["warnings"]:
-        print(_wrapped(f"! {warning}", 2))
+        print(tables.wrapped(f"! {warning}", 2))
 
 
 def _alike(reasons: Mapping[str, str]) -> dict[str, list[str]]:
@@ -81,7 +78,3 @@ def _alike(reasons: Mapping[str, str]) -> dict[str, list[str]]:
     for name, why in reasons.items():
         out.setdefault(why, []).append(name)
     return out
-
-
-def _wrapped(text: str, indent: int) -> str:
-    return textwrap.fill(text, _WIDTH, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False)

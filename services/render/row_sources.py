@@ -7,12 +7,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from lacet.daq.channels import CHANNELS, CORNERS
-from lacet.identify.car.rows import Absence, Row, RowAbsence, instead
+from lacet.identify.car.rows import Absence, Row, RowAbsence, instead, least, needs
 from lacet.identify.signals.sources import Method
 from lacet.identify.validation.row_sources import RowKind, RowSource
 from lacet.services.render.intervals import half_width
 from lacet.services.render.rows import row_absence
-from lacet.services.render.tables import size, table
+from lacet.services.render.tables import WIDTH, size, table, wrapped
 
 _WORDS = {
     Method.MOTION_RATIO: "potentiometer ÷ motion ratio",
@@ -20,7 +20,7 @@ _WORDS = {
     Method.LOAD_CELL: "vertical load cell; x and y from load and acceleration",
     Method.PUSHROD: "pushrod force × ratio + unsprung mass",
     Method.SCALE: "corner scale",
-    Method.NOMINAL_LOAD: "known masses at rest; vertical parts cancel",
+    Method.NOMINAL_LOAD: "loads at rest; vertical parts cancel",
     Method.CONTACT: "forces in the contact patch",
     Method.OTHER_WHEEL: "other wheel of the axle",
     Method.STEERING_WHEEL: "steering wheel",
@@ -58,9 +58,21 @@ def to_add(row: Row, absence: RowAbsence | None) -> str:
     """The least that would have to be measured for a row that cannot be formed, or why else it is absent."""
     if absence is None:
         return "no usable sample outside flagged intervals"
-    if absence.cause is not Absence.CHANNELS:
+    if absence.cause in (Absence.MEASURED_ELSEWHERE, Absence.NO_KNOWN_LOAD, Absence.BRAKES_ALWAYS):
         return row_absence(absence)
-    return "needs: " + ", ".join(_with_alternatives(row, absence.channels))
+    return "needs: " + ", ".join(_lacking(row, absence))
+
+
+def _lacking(row: Row, absence: RowAbsence) -> list[str]:
+    """Channels to be added, each with what serves as well; of torques the first, with the others as such."""
+    if absence.cause is Absence.CHANNELS:
+        out = _with_alternatives(row, absence.channels)
+    else:
+        first, *others = absence.channels
+        brakes = () if absence.cause is Absence.DRIVE_TORQUE else ("a run with brakes = 'off'",)
+        others = ", ".join((*others, *brakes))
+        out = [f"{first} (or {others})" if others else first]
+    return out + (_lacking(row, absence.beside) if absence.beside else [])
 
 
 def no_rows(left_out: Mapping[Row, RowAbsence]) -> str:
@@ -72,8 +84,8 @@ def no_rows(left_out: Mapping[Row, RowAbsence]) -> str:
         return "no usable sample outside flagged intervals"
     fewest = min(left_out.items(), key=lambda item: (item[1].cause is not Absence.CHANNELS, len(item[1].channels)))
     scale = [item for item in left_out.items() if item[1].cause is Absence.NO_KNOWN_LOAD]
-    ways = "; or ".join(f"{row} {to_add(row, why)}" for row, why in dict.fromkeys([fewest, *scale[:1]]))
-    return f"{ways} (lacet info --rows lists what each row needs)"
+    ways = [f"{row}: {to_add(row, why)}" for row, why in dict.fromkeys([fewest, *scale[:1]])]
+    return "\n  or ".join(ways) + "\n  (lacet info --rows lists what each row needs)"
 
 
 def _with_alternatives(row: Row, channels: Sequence[str]) -> list[str]:
@@ -84,6 +96,36 @@ def _with_alternatives(row: Row, channels: Sequence[str]) -> list[str]:
             others = tuple(other.replace(f".{CORNERS[0]}.", ".*.") for other in others)
         out.append(f"{name} (or {', '.join(others)})" if others else name)
     return out
+
+
+def needs_text(rows: Sequence[Row], reference: str) -> str:
+    """What each row needs: what must be measured or derived, and what may be assumed; rows that are alike together."""
+    alike: dict[tuple[str, ...], list[str]] = {}
+    for row in rows:
+        must = least(row, reference)
+        rest = [
+            name
+            for name in needs(row, reference)
+            if name not in must and not name.endswith(".ground") and not (row.combined and name.startswith("wheel."))
+        ]
+        cells = (", ".join(_with_alternatives(row, must)), ", ".join(shortened(rest)))
+        key = tuple(text.replace(f".{row.corner}.", ".{c}.") if row.corner else text for text in (row.unit, *cells))
+        alike.setdefault(key, []).append(row)
+    lines: list[str] = []
+    for (unit, *cells), group in alike.items():
+        lines.append(f"  {_rows(group)} [{unit}]")
+        for title, cell in zip(("must be measured", "else assumed"), cells, strict=True):
+            if cell:
+                lines.append(textwrap.fill(cell, WIDTH, initial_indent=f"    {title}: ", subsequent_indent=" " * 6))
+    return "\n".join([*lines, _COMBINED])
+
+
+_COMBINED = """
+  {c}: the row's own corner; *: all four. (or …) serves as well; ground lasers at three corners serve in place of
+  imu.attitude. Much of what is else assumed can be derived: docs/fewer-instruments.md.
+  spin.* need the torques on the wheel too, suspension.* where the bench table turns the carrier (docs/rows.md).
+  body.* and corner.* are formed where no wheel load is measured, and need one known parameter in [assumed] of the
+  vehicle file: sprung_mass, or another."""
 
 
 def sources_result(sources: Sequence[RowSource]) -> list[dict[str, Any]]:
@@ -134,7 +176,7 @@ def sources_lines(result: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     return [[_rows(group), *key] for key, group in alike.items()]
 
 
-_WIDTH, _ADD = 118, HEAD.index("to add")
+_ADD = HEAD.index("to add")
 
 
 def sources_table(result: Sequence[Mapping[str, Any]]) -> str:
@@ -144,9 +186,7 @@ def sources_table(result: Sequence[Mapping[str, Any]]) -> str:
     if len({line[-1] for line in lines}) == 1:
         used.remove(len(HEAD) - 1)
     out = [table([HEAD[k] for k in used], [[line[k] for k in used] for line in lines], text_columns=len(used))]
-    add = [
-        textwrap.fill(f"  {line[0]}: {line[_ADD]}", _WIDTH, subsequent_indent="    ") for line in lines if line[_ADD]
-    ]
+    add = [wrapped(f"  {line[0]}: {line[_ADD]}", 4) for line in lines if line[_ADD]]
     return "\n\n".join(part for part in (*out, "\n".join(dict.fromkeys(add)), _channels_table(result)) if part)
 
 

@@ -32,7 +32,8 @@ def row_absence(why: RowAbsence) -> str:
     declared = f"the run's brakes are '{why.brakes}' (say brakes = 'off' where they were not touched)"
     match why.cause:
         case Absence.CHANNELS:
-            return f"not measured: {', '.join(why.channels)}"
+            beside = f"; and {row_absence(why.beside)}" if why.beside else ""
+            return f"not measured: {', '.join(why.channels)}{beside}"
         case Absence.SHAFT_TORQUE:
             return (
                 f"the half-shaft torque acts on this travel (the bench table turns the carrier) and neither it "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,6 +10,9 @@ from typing import Any
 from lacet.identify.validation.score import fails, pooled_ratio, row_ratios, worst_row
 from lacet.services.render.intervals import half_width, to_interval, with_interval
 from lacet.services.render.units import TRAVEL, TRAVEL_RATE
+
+WIDTH = 118
+"""Characters in a line of printed text."""
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], text_columns: int = 1) -> str:
@@ -109,7 +113,17 @@ def whole_vehicle_table(result: Mapping[str, Any]) -> tuple[str, Table]:
         for w in result["whole_vehicle"]
     ]  # fmt: skip
     about = "inboard of the dynamometers" if result["wheel_reference"] == "hub" else "wheels included"
-    return f"Whole vehicle at design height ({about})", Table(["value", "", "95 %", "with sheet", "unit"], rows)
+    lacking: dict[str, list[str]] = {}
+    for one in result.get("row_sources") or ():
+        if one["row"].startswith("chassis.") and one["add"]:
+            lacking.setdefault(one["add"], []).append(one["row"].removeprefix("chassis."))
+    note = "; ".join(f"chassis.{', '.join(dict.fromkeys(places))} {add}" for add, places in lacking.items())
+    if not any(w["identifiable"] for w in result["whole_vehicle"]):
+        rows, note = [], f"  not identifiable: {note or 'neither mass nor inertia is determined by these runs'}"
+    elif all(w["identifiable"] for w in result["whole_vehicle"]):
+        note = ""
+    title = f"Whole vehicle at design height ({about})"
+    return title, Table(["value", "", "95 %", "with sheet", "unit"], rows, note=note)
 
 
 def derived(result: Mapping[str, Any]) -> str:
@@ -201,9 +215,16 @@ def bad_seconds(result: Mapping[str, Any], most: int = 12) -> str:
 
 
 def unknowns(result: Mapping[str, Any]) -> str:
-    """Parameters that are not identified, with the reason."""
-    lines = [f"  {item['name']}: {item['why']}" for item in result["not_identifiable"]]
-    return "\n".join(lines)
+    """Parameters that are not identified, those of one reason together."""
+    alike: dict[str, list[str]] = {}
+    for item in result["not_identifiable"]:
+        alike.setdefault(item["why"], []).append(item["name"])
+    return "\n".join(wrapped(f"  {', '.join(names)}: {why}", 4) for why, names in alike.items())
+
+
+def wrapped(text: str, indent: int) -> str:
+    """A text in lines of at most `WIDTH` characters, those after the first indented; no word is cut."""
+    return textwrap.fill(text, WIDTH, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False)
 
 
 def rows(scored: Mapping[str, Mapping[str, Any]]) -> str:

@@ -216,7 +216,7 @@ def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, w
     warnings += [f"{run.name}: {note}" for note in run_notes((*drive.recording.notes, *drive.measured_rows.notes))]
     if not drive.rows:
         raise NotIdentifiable(
-            f"{run.name}: no row of the equations can be formed: {no_rows(drive.measured_rows.left_out)}"
+            f"{run.name}: no row of the equations can be formed:\n  {no_rows(drive.measured_rows.left_out)}"
         )
     return ReadyRun(run, drive, not (recorded or doubts or moved), _noise_in_rows(run, drive))
 

@@ -16,7 +16,7 @@ import pytest
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.car.rows import CHASSIS_ROWS, SUSPENSION_ROWS, TYRE_ROWS, Row
+from lacet.identify.car.rows import CHASSIS_ROWS, ROWS, SPIN_ROWS, SUSPENSION_ROWS, TYRE_ROWS, Row
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.model import Model
@@ -24,7 +24,10 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.signals.filters import derivative, zero_phase
 from lacet.identify.validation.parameter_estimates import estimates
+from lacet.identify.validation.row_sources import row_sources
 from lacet.services.render.identifiability import unidentified
+from lacet.services.render.row_sources import needs_text, to_add
+from lacet.services.render.tables import WIDTH
 from tests.identify import cars
 
 STATED = """
@@ -178,6 +181,32 @@ def bus(run: Run) -> Made:
         "car.yaw_rate": replace(rate, t=rate.t - late, values=rate.values[:, 2:]),
         "car.lateral_accel": replace(accel, t=accel.t - late, values=lateral[:, None]),
     }
+
+
+def test_what_vertical_loads_leave_out_is_said() -> None:
+    """Load cells: yaw inertia needs forces, not a manoeuvre; spin rows all torques; no row of the body is named."""
+    found = fitted("cells")
+    every = {e.name: unidentified(e.why) for e in estimates(found, None, found.runs)}
+    assert every["ZZ6"] == "chassis.mx and others left out: needs: wheel.*.force"
+    assert every["MZ6"].endswith("would show it, and needs: wheel.*.force")
+    sources = {one.row: one for one in row_sources(found)}
+    assert not any(row.combined for row in sources)
+    driven, free = (to_add(row, sources[row].absence) for row in SPIN_ROWS[::2])
+    brake = "brake.{}.torque (or brake.pressure, a run with brakes = 'off')"
+    assert driven == f"needs: wheel.fl.moment, shaft.fl.torque, {brake.format('fl')}"
+    assert free == f"needs: wheel.rl.moment, {brake.format('rl')}"
+
+
+def test_what_each_row_needs_is_said_without_what_can_be_assumed() -> None:
+    """No wheel load for the body's rows; the car's own bus serves where all of it does."""
+    text = needs_text(ROWS, "contact")
+    heave, fy, fx = (text.partition(f"  {row} [")[2].partition("]\n")[2].partition("]")[0] for row in
+                     ("body.heave", "chassis.fy", "chassis.fx"))  # fmt: skip
+    assert "wheel." not in heave
+    assert "laser.*.hub (or suspension.*.travel, damper.*.travel)" in heave
+    assert "imu.rate (or car.yaw_rate)" in fy
+    assert "car.yaw_rate" not in fx.partition("chassis.fy")[0]
+    assert max(map(len, text.splitlines())) <= WIDTH
 
 
 def test_yaw_rate_and_lateral_acceleration_alone_give_two_rows(truth: dict[str, Any]) -> None:

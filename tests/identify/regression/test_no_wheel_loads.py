@@ -168,6 +168,8 @@ def test_what_the_body_s_rows_show_aside_is_refused() -> None:
     assert why.row == "chassis.mz"
     assert "wheel.*.force" in unidentified(why)
     assert "sprung_mass" in unidentified(every["M6"].why)
+    # A ground laser is enough for a tyre.
+    assert unidentified(every["tyre_stiffness.fl.kt"].why) == "corner.fl left out: needs: laser.fl.ground"
     assert "unsprung_mass.rear" in unidentified(every["M11"].why)
     for name in ("spring.fl.k", "damper.rr.c", "MX6", "XX6", "YY6"):
         assert every[name].identifiable
