@@ -161,6 +161,12 @@ class RowAbsence:
     brakes: str = ""
     beside: RowAbsence | None = None
 
+    @property
+    def fewest(self) -> tuple[str, ...]:
+        """The fewest channels to be added: all of its own, or of those that show a torque the first; and `beside`."""
+        own = self.channels if self.cause is Absence.CHANNELS else self.channels[:1]
+        return own + (self.beside.fewest if self.beside else ())
+
 
 def needs(
     row: Row, reference: str, grounds: tuple[str, ...] = CORNERS, vehicle: Vehicle | None = None

@@ -38,6 +38,10 @@ class Reason(Enum):
     NOT_COMPUTABLE = auto()
     """A run lacks what it needs (`Candidate.lacks`)."""
     NEVER_ACTS = auto()
+    ROWS_ABSENT = auto()
+    """The runs form none of the rows that it acts on (`Candidate.lacks`)."""
+    NOT_RECORDED = auto()
+    """It is a fault of channels that no run has."""
     IN_THE_MODEL = auto()
     """The model explains its columns on these runs."""
     FEW_BLOCKS = auto()
@@ -101,7 +105,8 @@ class Candidate:
     size : √λ of the effect at its largest plausible size, nuisance parameters removed [noise σ].
     absorbed : effects and tolerances that explain its columns where it cannot be tested, largest share first.
     noise_part : largest share of noise in its columns, where it cannot be tested for that.
-    lacks : channels that it needs and a run lacks, where it cannot be computed.
+    lacks : channels that it needs and a run lacks, where it cannot be computed, or for the first of the rows that it
+        acts on, where the runs form none of them.
     values : estimates of its parameters [SI], and `interval`, half of their 95 % intervals (independent residuals).
     ties : candidates that could be in its place on these runs (not rejected by Cox's test), with their correlation.
     confounded : bench tables of which an error could be a part of it, of an effect found.

@@ -275,10 +275,15 @@ class ScoreTests:
         return np.flatnonzero(np.isin(self.regression.nuisance, latencies))
 
     def _untestable(self, effect: Effect) -> Candidate:
-        """Candidate that never acts on these runs or that the model explains completely."""
+        """Candidate that never acts on these runs, with what these lack, or that the model explains completely."""
         places = [trial.place for trial in self.layout.trials if trial.effect.key == effect.key]
-        acts = any(np.any(np.diag(self.sums.total)[place]) for place in places)
-        return Candidate(effect.key, {}, Answer.NOT_TESTABLE, Reason.IN_THE_MODEL if acts else Reason.NEVER_ACTS)
+        found = Candidate(effect.key, {}, Answer.NOT_TESTABLE, Reason.NEVER_ACTS)
+        if any(np.any(np.diag(self.sums.total)[place]) for place in places):
+            return replace(found, reason=Reason.IN_THE_MODEL)
+        lacks = self.linearisation.runs.absent(effect)
+        if lacks is None:
+            return found
+        return replace(found, reason=Reason.NOT_RECORDED if effect.as_fault else Reason.ROWS_ABSENT, lacks=lacks)
 
     def _block_energy(self, tried: Sequence[ScoreTest]) -> list[float]:
         """Effective number of blocks (Σe)²/Σe² in which each trial acts."""

@@ -221,7 +221,7 @@ def _grouped(fitted: FittedModel, i: int, effect: Effect, runs: Sequence[Prepare
         return GivenBeforehand(given)
     if i in fitted.base.absent:
         own = [q.name for q in effect.parameters].index(name)
-        return _rows_absent(runs, effect, own) or NoDependence(shown_by(name, effect))
+        return rows_absent(runs, effect, own) or NoDependence(shown_by(name, effect))
     column = int(np.flatnonzero(fitted.base.dependent == i)[0])
     holders = [fitted.model.names[int(k)] for k in fitted.base.independent[fitted.base.relations[:, column] != 0.0]]
     return CountedWith(tuple(holders))
@@ -234,17 +234,18 @@ def _given(name: str, runs: Sequence[PreparedRun]) -> str:
     return given_parameters(runs[0].recording).get(name, "")
 
 
-def _rows_absent(runs: Sequence[PreparedRun], effect: Effect, own: int) -> RowsAbsent | None:
-    """The reason when every row that a parameter of an effect acts on is absent from every run, not for the manoeuvre.
+def rows_absent(runs: Sequence[PreparedRun], effect: Effect, own: int | None = None) -> RowsAbsent | None:
+    """The reason when every row that an effect acts on is absent from every run, not for the manoeuvre; else None.
 
-    `own` : its place among the effect's parameters.
+    `own` : place of one of its parameters, which alone is asked for.
     """
     reasons: dict[Row, RowAbsence | None] = {}
-    physics = effect.as_physics
+    physics = effect.shapes()[0].as_physics
     if physics is None or not runs:
         return None
     for run in runs:
-        rows = tuple(row for row, table in columns_by_row(physics, run.kept_motion).items() if np.any(table[own]))
+        columns = columns_by_row(physics, run.kept_motion)
+        rows = tuple(row for row, table in columns.items() if np.any(table if own is None else table[own]))
         if not rows or any(row in run.rows for row in rows):
             return None
         reasons |= {row: run.measured_rows.left_out.get(row) for row in rows}

@@ -165,6 +165,11 @@ class CampaignRanking:
         """Key → what a run lacks, of the first such run, for effects that cannot be computed."""
         return {effect.key: lack for effect in effects if (lack := self.survey.lacks.get(effect.key)) is not None}
 
+    def absent(self, effect: Effect) -> Unmeasured | None:
+        """None: the runs are elsewhere."""
+        del effect
+        return None
+
     def products(
         self, floor: NoiseFloor, layout: Layout, prior_stiffening: float, drifts: Mapping[str, float], seed: int,
         extent: Extent = Extent.ALL,

@@ -18,6 +18,7 @@ from lacet.identify.selection.settings import SELECTION
 from lacet.services.render import tables
 from lacet.services.render.effect_text import needed, not_measured
 from lacet.services.render.intervals import with_interval
+from lacet.services.render.row_sources import shortened
 from lacet.services.render.shape_constants import constants_text
 
 NOT_NAMED = (Reason.PART_OF_REST, Reason.TIED)
@@ -150,6 +151,10 @@ def short_reason(c: Candidate) -> str:
             return f"needs: {needed(c.lacks)}"
         case Reason.NEVER_ACTS:
             return "never acts in the rows of these runs"
+        case Reason.ROWS_ABSENT:
+            return _row_needs(c)
+        case Reason.NOT_RECORDED:
+            return "these runs have none of its channels"
         case Reason.IN_THE_MODEL:
             return "the model explains all it does"
         case Reason.FEW_BLOCKS:
@@ -160,10 +165,20 @@ def short_reason(c: Candidate) -> str:
             return "what it follows is mostly noise"
 
 
+def _row_needs(c: Candidate) -> str:
+    """What a candidate's row lacks that the runs do not form."""
+    channels = [one for one in c.lacks.needs if isinstance(one, str)] if c.lacks else []
+    return f"needs: {', '.join(shortened(channels))}"
+
+
 def _untestable(c: Candidate) -> str:
     match c.reason:
         case Reason.NEVER_ACTS:
             return "it never acts on these runs"
+        case Reason.ROWS_ABSENT:
+            return f"these runs form no row that it acts on; its first {_row_needs(c)}"
+        case Reason.NOT_RECORDED:
+            return "these runs have none of its channels"
         case Reason.IN_THE_MODEL:
             return "the model already explains all it does on these runs"
         case Reason.FEW_BLOCKS:

@@ -21,6 +21,7 @@ from lacet.identify.selection.columns.cross_products import CrossProducts, Exten
 from lacet.identify.selection.columns.layout import Layout
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise
 from lacet.identify.validation.noise_floor import NoiseFloor
+from lacet.identify.validation.parameter_estimates import rows_absent
 
 
 class RankedRuns(Protocol):
@@ -85,6 +86,13 @@ class RankedRuns(Protocol):
 
     def unmeasured(self, effects: Sequence[Effect]) -> Mapping[str, Unmeasured]:
         """Key → what a run lacks, of the first such run, for effects that cannot be computed."""
+        ...
+
+    def absent(self, effect: Effect) -> Unmeasured | None:
+        """Channels lacking for a row that an effect acts on, or of a sensor fault its own; None where any are there.
+
+        None as well where the runs are not at hand.
+        """
         ...
 
     def products(
@@ -180,6 +188,16 @@ class LocalRuns:
         """Key → what a run lacks, of the first such run, for effects that cannot be computed."""
         lacks = ((e.key, next((lack for run in self.fit.runs if (lack := run.lacks(e))), None)) for e in effects)
         return {key: lack for key, lack in lacks if lack is not None}
+
+    def absent(self, effect: Effect) -> Unmeasured | None:
+        """Channels lacking for a row that an effect acts on, or of a sensor fault its own; None where any are there."""
+        runs, fault = self.fit.runs, effect.as_fault
+        if fault is not None:
+            there = any(fault.changes(run.recording) for run in runs)
+            return None if there else Unmeasured(runs[0].name, fault.channels())
+        found = rows_absent(runs, effect)
+        absence = None if found is None else found.absence
+        return None if absence is None else Unmeasured(runs[0].name, absence.fewest)
 
     def products(
         self, floor: NoiseFloor, layout: Layout, prior_stiffening: float, drifts: Mapping[str, float], seed: int,

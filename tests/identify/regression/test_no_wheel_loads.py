@@ -45,7 +45,7 @@ from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.row_sources import RowKind, row_sources
 from lacet.services.render.identifiability import unidentified
 from lacet.services.render.row_sources import no_rows, to_add
-from lacet.services.render.verdicts import says
+from lacet.services.render.verdicts import reason_text, says, short_reason
 from tests.identify import cars
 from tests.identify.regression.test_fewer_instruments import expected, standing
 
@@ -337,6 +337,19 @@ def test_what_is_impossible_is_named() -> None:
     assert "give one of sprung_mass, static_load, spring_rate" in no_rows(left_out)
     assert {SPRUNG_MASS, *PARAMETER_OF} == {*SETS_SCALE}
     assert not [law for law in refused.recording.laws if law.channel.startswith("wheel.")]
+
+
+def test_what_cannot_be_tested_says_what_the_runs_lack() -> None:
+    """A tyre's damping one ground laser, cross-talk the dynamometers; side force, which acts in roll, is tested."""
+    known = catalogue(with_mass(), "contact")
+    candidates = [known[key] for key in ("tyre_damping.front", "sensor_crosstalk.all.zx", "aero_side")]
+    tests = ScoreTests.of(Linearisation.of(found(), floor_of(found(), 20)), candidates, 0)
+    words = {c.key: short_reason(c) for c in tests.try_all()}
+    assert words["tyre_damping.front"] == "needs: laser.fl.ground"
+    assert words["sensor_crosstalk.all.zx"] == "these runs have none of its channels"
+    assert not words["aero_side"].startswith(("needs", "these"))
+    (damping,) = (c for c in tests.try_all() if c.key == "tyre_damping.front")
+    assert "form no row that it acts on; its first needs: laser.fl.ground" in reason_text(damping, candidates[0], 20)
 
 
 def test_missing_bars_are_named(truth: dict[str, Any]) -> None:
