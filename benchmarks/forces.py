@@ -6,6 +6,7 @@ truth is the simulator's, without noise.
 
     python -m benchmarks.forces                   # writes docs/benchmarks/forces.md
     python -m benchmarks.forces --campaigns 2     # a shorter look, printed only
+    python -m benchmarks.forces --campaigns 40 --first 20    # further ones, printed only
 """
 
 from __future__ import annotations
@@ -203,15 +204,16 @@ def main() -> int:
     """Run the campaigns, and print or write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--campaigns", type=int, help=f"number of campaigns (default: {CAMPAIGNS}); printed only")
+    parser.add_argument("--first", type=int, default=0, help="number of the first of them")
     args = parser.parse_args()
     lines: list[Line] = []
     with one_thread():
         reference = [*reference_car()]
-        for number in range(args.campaigns or CAMPAIGNS):
+        for number in range(args.first, args.first + (args.campaigns or CAMPAIGNS)):
             lines += campaign(number)
             print(f"campaign {number + 1}", file=sys.stderr)
     text = page(lines, reference)
-    if args.campaigns:
+    if args.campaigns or args.first:
         print(text)
     else:
         PAGE.write_text(text, encoding="utf-8")

@@ -212,15 +212,25 @@ def exchanged(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
 
 
 def only_plausible(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
-    """The same without the effects found that no car has at the size they have in the fit with all of them.
+    """The same without the effects found that no car, or sensor, has at the size they have in the fit with all of them.
 
     It looks like something else, with which its size would be another.
     """
     while True:
-        wrong = _weakest([law for law in joint.laws if law.key in joint.keys and law.implausible is not None])
+        found = [one for one in (*joint.laws, *added_faults(joint.space)) if one.key in joint.keys]
+        wrong = _weakest([one for one in found if _is_implausible(one, joint)])
         if wrong is None:
             return joint
         joint = without_effects(joint, [wrong.key], seed, progress)
+
+
+def _is_implausible(found: AddedLaw, joint: Joint) -> bool:
+    """Whether no car or sensor has an effect at its size; that of a fault with what was removed from the runs."""
+    removed = joint.sizes.get(found.key)
+    if removed is None:
+        return found.implausible is not None
+    half = SELECTION.interval_quantile * np.abs(found.values) / max(np.sqrt(found.force), 1.0)
+    return joint.first.effects[found.key].implausible(found.values + removed, half) is not None
 
 
 def without_denied_faults(

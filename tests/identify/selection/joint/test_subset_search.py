@@ -458,6 +458,19 @@ def test_an_effect_of_a_size_that_no_car_has_is_not_found(subset: Joint) -> None
     assert bar not in {law.key for law in found.laws}
 
 
+@pytest.mark.parametrize(("removed", "stands"), [(0.05, True), (1.1, False)])
+def test_a_fault_of_a_size_that_no_sensor_has_is_not_found(
+    subset: Joint, removed: float, stands: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its size is what was removed from the runs and what remains in the fit: a scale of 1 + 1.1 is none."""
+    gain = KNOWN["sensor_gain.hub.fl"]
+    fault = replace(subset.laws[0], key=gain.key, values=np.array([0.01]), force=100.0, implausible=None)
+    monkeypatch.setattr("lacet.identify.selection.joint.refits.added_faults", lambda _: (fault,))
+    monkeypatch.setattr("lacet.identify.selection.joint.refits.without_effects", lambda *_: subset)
+    joint = replace(subset, effects=(*subset.effects, gain), sizes={gain.key: removed})
+    assert (only_plausible(joint, 0) is joint) == stands
+
+
 def test_a_diagnosis_names_none_of_a_size_that_no_car_has(subset: Joint, monkeypatch: pytest.MonkeyPatch):
     bar, other = "anti_roll_bar.front", Implausible(KNOWN["anti_roll_bar.front"].parameters[0], 2e6, 2.1e6)
 
