@@ -282,9 +282,16 @@ def instead(row: Row, channel: str) -> tuple[str, ...]:
 def lacking(row: Row, reference: str, recorded: Container[str]) -> tuple[str, ...]:
     """The fewest channels that a recording would need besides those `recorded` for a row; empty where it can be formed.
 
-    Torques are not counted, nor what can be assumed or obtained from another channel.
+    Torques are not counted, nor what can be assumed or obtained from another channel. Nothing for combined rows, which
+    are not formed, where a wheel load is recorded.
     """
-    absent = tuple(c for c in needs(row, reference) if c not in recorded)
+    loads = [f"wheel.{c}.force" for c in CORNERS]
+    if row.combined and any(name in recorded for load in loads for name in (load, *alternatives(load))):
+        return ()
+    grounds = tuple(c for c in CORNERS if f"laser.{c}.ground" in recorded)
+    if len(grounds) < 3 and row.corner is not None:
+        grounds = (row.corner,)
+    absent = tuple(c for c in needs(row, reference, grounds) if c not in recorded)
     must = {*leading(row)}
     return tuple(
         c

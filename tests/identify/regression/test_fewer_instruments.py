@@ -16,7 +16,7 @@ import pytest
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.car.rows import CHASSIS_ROWS, ROWS, SPIN_ROWS, SUSPENSION_ROWS, TYRE_ROWS, Row
+from lacet.identify.car.rows import CHASSIS_ROWS, ROWS, SPIN_ROWS, SUSPENSION_ROWS, TYRE_ROWS, Row, lacking
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.model import Model
@@ -207,6 +207,18 @@ def test_what_each_row_needs_is_said_without_what_can_be_assumed() -> None:
     assert "imu.rate (or car.yaw_rate)" in fy
     assert "car.yaw_rate" not in fx.partition("chassis.fy")[0]
     assert max(map(len, text.splitlines())) <= WIDTH
+
+
+def test_what_a_recording_lacks_for_a_row() -> None:
+    """A tyre its own ground laser, and attitude or three of them; the body's rows nothing beside wheel loads."""
+    hubs = {*INERTIAL, *(f"laser.{c}.hub" for c in CORNERS)}
+    cells = hubs | {f"hub.{c}.load" for c in CORNERS}
+    tyre, heave = TYRE_ROWS[0], Row.parse("body.heave")
+    assert lacking(tyre, "contact", cells) == ("laser.fl.ground", "imu.attitude")
+    assert lacking(tyre, "contact", cells | {"car.speed"}) == ("laser.fl.ground",)
+    assert lacking(tyre, "contact", cells | {f"laser.{c}.ground" for c in CORNERS[:3]}) == ()
+    assert lacking(heave, "contact", {*INERTIAL}) == tuple(f"laser.{c}.hub" for c in CORNERS)
+    assert lacking(heave, "contact", hubs) == lacking(heave, "contact", cells - hubs) == ()
 
 
 def test_yaw_rate_and_lateral_acceleration_alone_give_two_rows(truth: dict[str, Any]) -> None:
