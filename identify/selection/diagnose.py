@@ -21,21 +21,23 @@ from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.answers import answered
 from lacet.identify.selection.candidate import Answer, Candidate, Confounded, Reason, judged
 from lacet.identify.selection.chow_test import ParameterConstancy, chow_test, chow_test_in_model
-from lacet.identify.selection.columns.linearisation import Linearisation, sheet_products
+from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.columns.ranked_runs import LocalRuns, RankedRuns
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise
 from lacet.identify.selection.joint.alternatives import Alternative, alternatives, confidence_set
 from lacet.identify.selection.joint.inseparable import with_inseparable
 from lacet.identify.selection.joint.refits import (
     Joint,
-    beside_of,
+    not_part_of_the_rest,
+    only_plausible,
+)
+from lacet.identify.selection.joint.rounds import (
     continued,
     exchanged,
     found_together,
-    not_part_of_the_rest,
-    only_plausible,
-    only_standing,
+    relinearised,
     started_with,
+    with_floor_at_tolerances,
     without_denied_faults,
 )
 from lacet.identify.selection.joint.shape_constants import refined
@@ -45,7 +47,7 @@ from lacet.identify.selection.joint.wrong_tables import axles_without_tables, co
 from lacet.identify.selection.laws.described import Described, described
 from lacet.identify.selection.laws.encompassing import only_encompassing
 from lacet.identify.selection.laws.formulas import Formula, propose
-from lacet.identify.selection.relinearisation import latencies_beside, relinearise, relinearised_tests
+from lacet.identify.selection.relinearisation import latencies_beside, relinearised_tests
 from lacet.identify.selection.rest import Rest, added_faults
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
@@ -180,20 +182,12 @@ def _settled(joint: Joint, seed: int, progress: Progress) -> tuple[Joint, Rest]:
     """The effects found and the rest, searched again where linearisation or the noise floor may matter."""
     progress(Step(Stage.LACK_OF_FIT))
     joint, rest = without_denied_faults(joint, Rest.of(joint.space, joint.laws), seed, progress)
-    for closer in (_relinearised, _with_floor_at_tolerances):
-        if joint.space.linearisation.runs.refittable is None or not _in_doubt(joint, rest):
-            continue
-        space = joint.space
-        closest = closer(space, progress)
-        if closest is not space.linearisation:
-            # What noise adds cancels in what the model explains at this fit's zeros only.
-            same = space.noise if closest.fitted is space.fitted else None
-            tests = ScoreTests.of(closest, list(space.effects.values()), seed, same, progress)
-            tests = tests.given(joint.removed) if joint.removed else tests
-            moved = closest.fitted is not space.fitted
-            joint = beside_of(joint.based_on(tests) if moved else joint, tests, progress)
-            joint = continued(only_standing(joint, seed, progress) if moved else joint, seed, progress)
-            joint, rest = without_denied_faults(joint, Rest.of(joint.space, joint.laws), seed, progress)
+    for closer in (relinearised, with_floor_at_tolerances):
+        if joint.space.linearisation.runs.refittable is not None and _in_doubt(joint, rest):
+            other = closer(joint, seed, progress)
+            if other is not joint:
+                joint = continued(other, seed, progress)
+                joint, rest = without_denied_faults(joint, Rest.of(joint.space, joint.laws), seed, progress)
     if joint.base is None:
         return joint, rest
     other = exchanged(joint, seed, progress)
@@ -243,25 +237,6 @@ def _second_order_squares(space: ScoreTests) -> float:
     latencies = latencies_beside(space)
     reach = omega * np.max(np.abs(latencies * list(space.linearisation.latency_tolerances.values())), initial=0.0)
     return float((reach / 2.0) ** 2 * latencies @ space.sums.total[np.ix_(places, places)] @ latencies)
-
-
-def _relinearised(space: ScoreTests, progress: Progress) -> Linearisation:
-    """Runs re-linearised down to `settled_phase`, where they were not for the first screening."""
-    return (
-        space.linearisation
-        if space.linearisation.latencies
-        else relinearise(space.linearisation, progress, SELECTION.settled_phase)
-    )
-
-
-def _with_floor_at_tolerances(space: ScoreTests, progress: Progress) -> Linearisation:
-    """Linearisation with the noise floor at the parameters estimated with sensor tolerances in place of the fit's."""
-    progress(Step(Stage.FLOOR_AT_TOLERANCES))
-    runs = space.linearisation.runs
-    if runs.refittable is None:
-        return space.linearisation
-    floor = space.floor.redrawn(runs.refittable, space.tolerated_parameters)
-    return replace(space.linearisation, floor=floor, sums=sheet_products(runs, floor))
 
 
 def _one(joint: Joint, progress: Progress) -> tuple[Candidate, ...]:

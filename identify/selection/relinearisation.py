@@ -14,7 +14,7 @@ A fault's column is of first order, too; a fault that is found is removed from t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -47,44 +47,50 @@ def remaining_latencies(linearisation: Linearisation, latencies: Array) -> Array
 
 
 def relinearise(
-    recorded: Linearisation, progress: Progress = silent, largest_phase: float = SELECTION.first_order_phase
-) -> Linearisation:
-    """The runs linearised at their latencies, iterated until steps are small; as recorded below `largest_phase` [rad].
+    present: Linearisation, progress: Progress = silent, largest_phase: float = SELECTION.first_order_phase,
+    beside: Sequence[Effect] = (),
+) -> Linearisation:  # fmt: skip
+    """The runs linearised at their latencies, iterated until steps are small.
 
-    `largest_phase` : ω τ at the fit's cut-off up to which no latency is removed. As recorded, too, where the fit cannot
-    be made again here.
+    It is the present one where no latency is further than `largest_phase` [rad], ω τ at the fit's cut-off, from that at
+    which it is linearised, or the fit cannot be made again here. `beside` : effects in the model while latencies are
+    estimated; the fit returned is without them.
     """
-    entries, first = list(recorded.latency_tolerances), recorded.runs.refittable
-    if not entries or first is None:
-        return recorded
-    tolerances, now = np.array(list(recorded.latency_tolerances.values())), recorded
+    first = present.runs.refittable
+    if not present.latency_tolerances or first is None:
+        return present
+    with_effects = first.with_effects(beside) if beside else first
+    begin = now = Linearisation.of(with_effects, present.floor.without_draws()) if beside else present
+    # An effect may depend on channels that no row without it does.
+    entries, tolerances = list(begin.latency_tolerances), np.array(list(begin.latency_tolerances.values()))
+    begun = np.array([present.latencies.get(entry, 0.0) for entry in entries])
 
     def step_at(steps_made: int, latencies: Array) -> Array:
         """Latencies that remain in the runs with these removed [s]."""
         nonlocal now
         if steps_made:
-            removed = dict(zip(entries, latencies.tolist(), strict=True))
-            progress(Step(Stage.RELINEARISATION, steps_made, values=_by_channel(removed)))
-            now = Linearisation.of(first.without_latencies(removed), recorded.floor.without_draws())
+            further = dict(zip(entries, (latencies - begun).tolist(), strict=True))
+            progress(Step(Stage.RELINEARISATION, steps_made, values=_by_channel(entries, latencies)))
+            now = Linearisation.of(with_effects.without_latencies(further), present.floor.without_draws())
             assert list(now.latency_tolerances) == entries
         return remaining_latencies(now, latencies / tolerances) * tolerances
 
     screening_rule = first.latency_rule(
         SELECTION.most_relinearisations, SELECTION.most_phase_of_step, SELECTION.settled_phase, largest_phase
     )
-    latencies = screening_rule.relinearised(step_at, np.zeros(len(entries))).values
-    if now is recorded:
-        return recorded
-    removed = dict(zip(entries, latencies.tolist(), strict=True))
+    latencies = screening_rule.relinearised(step_at, begun).values
+    if now is begin:
+        return present
     refittable = now.runs.refittable
     assert refittable is not None
     fitted = first.refitted_to(refittable)
-    progress(Step(Stage.FLOOR_AT_LATENCIES, values=_by_channel(removed)))
-    return replace(Linearisation.of(fitted, recorded.floor.redrawn(fitted)), latencies=removed)
+    progress(Step(Stage.FLOOR_AT_LATENCIES, values=_by_channel(entries, latencies)))
+    removed = dict(zip(entries, latencies.tolist(), strict=True))
+    return replace(Linearisation.of(fitted, present.floor.redrawn(fitted)), latencies=removed)
 
 
-def _by_channel(latencies: Mapping[SheetEntry, float]) -> dict[str, float]:
-    return {channel: seconds for (_, channel, _), seconds in latencies.items()}
+def _by_channel(entries: Sequence[SheetEntry], latencies: Array) -> dict[str, float]:
+    return {channel: seconds for (_, channel, _), seconds in zip(entries, latencies.tolist(), strict=True)}
 
 
 def relinearised_tests(
@@ -107,8 +113,9 @@ def relinearised_tests(
     late = [effect.key for effect in found.effects if effect.sheet_kind == "latency"]
     if not far(latencies_beside(found.space.releasing(late))):
         return first
-    closer = relinearise(recorded, progress, SELECTION.first_order_phase)
-    return ScoreTests.of(closer, candidates, seed, progress=progress)
+    laws = [effect for effect in found.effects if effect.as_physics is not None]
+    closer = relinearise(recorded, progress, SELECTION.first_order_phase, laws)
+    return first if closer is recorded else ScoreTests.of(closer, candidates, seed, progress=progress)
 
 
 def latencies_beside(space: ScoreTests) -> Array:

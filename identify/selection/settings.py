@@ -34,6 +34,9 @@ class SelectionSettings:
     describes a force of unknown cause [share]. Source: docs/decisions/joint-search.md."""
     most_selected: int = 12
     """Effects selected together before a fit with them [count]. Source: processor time."""
+    most_free_steps: int = 2
+    """Candidates that are fitted, of those that explain more where a law found has other shape constants [count].
+    Source: processor time."""
     most_refits: int = 4
     """Fits with all effects found so far, each with a new noise floor and search [count]. Source: processor time."""
     most_starts: int = 3

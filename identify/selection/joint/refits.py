@@ -17,15 +17,12 @@ from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.columns.candidate_columns import solved
 from lacet.identify.selection.columns.linearisation import Linearisation
-from lacet.identify.selection.joint.alternatives import alternatives
-from lacet.identify.selection.joint.shape_constants import constants_by_runs
-from lacet.identify.selection.joint.subset_search import inexactness_of, search
+from lacet.identify.selection.joint.subset_search import inexactness_of
 from lacet.identify.selection.rest import (
     AddedLaw,
     Rest,
     added_faults,
     added_laws,
-    departures_on_rows,
     laws_on_rows,
 )
 from lacet.identify.selection.score_tests import ScoreTests
@@ -83,49 +80,7 @@ class Joint:
         return replace(self, base=base, added=(), sizes=sizes)
 
 
-def found_together(first: ScoreTests, seed: int, progress: Progress = silent) -> Joint:
-    """The effects found in all, in a fit with them, and the score tests of all others beside them.
-
-    What a selection leaves is judged by a new fit with the selected effects in its model, and a noise floor of it.
-    Where the runs cannot be fitted again here, nothing is found.
-    """
-    progress(Step(Stage.SCORE_TESTS))
-    alone = tuple(first.family_wise(first.try_all()))
-    base = first.linearisation.runs.refittable
-    joint = Joint(first, alone, first, alone, (), added_laws(first), base=base)
-    return joint if base is None else continued(joint, seed, progress)
-
-
-def started_with(joint: Joint, effect: Effect, seed: int, progress: Progress = silent) -> Joint:
-    """The effects found by a search that begins with `effect` in the fit; none where it does not stand in that."""
-    first, base = joint.first, joint.first.linearisation.runs.refittable
-    begun = Joint(first, joint.alone, first, joint.alone, (), added_laws(first), base=base, added=(effect,))
-    begun = _fitted(begun, seed, progress)
-    return continued(begun, seed, progress) if begun.effects else begun
-
-
-def continued(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
-    """The same with what is found beside the effects found before."""
-    for _ in range(SELECTION.most_refits):
-        found = search(joint.space, joint.beside, joint.laws, progress).effects  # free the memory of its tests
-        if not found:
-            break
-        # A latency that was removed from the runs would be fitted as what remains of it.
-        latencies = joint.space.linearisation.latencies
-        late = [effect for effect in found if effect.sheet_kind == "latency" and latencies]
-        others = [effect for effect in found if effect not in late]
-        joint = replace(joint, effects=(*joint.effects, *late), removed=(*joint.removed, *late))
-        before = joint
-        if others:
-            joint = _fitted(replace(joint, added=(*joint.added, *others)), seed, progress)
-        if joint.effects == before.effects:
-            if not late:
-                break
-            joint = beside_of(joint, joint.space.given(joint.removed), progress)
-    return joint
-
-
-def _fitted(joint: Joint, seed: int, progress: Progress) -> Joint:
+def fitted_together(joint: Joint, seed: int, progress: Progress) -> Joint:
     """The model fitted with all effects added, without those that do not stand in it; as it was where none is new."""
     base, wanted = joint.base, joint.added
     assert base is not None
@@ -141,10 +96,10 @@ def _fitted(joint: Joint, seed: int, progress: Progress) -> Joint:
         gone = {effect.key for effect in joint.added} - {effect.key for effect in kept}
         space = _tests_of(joint, fitted, gone, seed, progress)
         laws = added_laws(space)
-        weakest = _weakest([law for law in laws if law.key in {e.key for e in kept} and not _stands(law, laws, space)])
-        if weakest is None:
+        worst = weakest([law for law in laws if law.key in {e.key for e in kept} and not stands(law, laws, space)])
+        if worst is None:
             break
-        wanted = tuple(effect for effect in kept if effect.key != weakest.key)
+        wanted = tuple(effect for effect in kept if effect.key != worst.key)
     there = {effect.key for effect in joint.added}
     # What is in the base fit stays, what was added is what is kept.
     effects = (*(effect for effect in joint.effects if effect.key not in there), *kept)
@@ -181,34 +136,10 @@ def only_standing(joint: Joint, seed: int, progress: Progress = silent) -> Joint
     while True:
         laws = joint.laws
         found = [law for law in laws if law.key in joint.keys]
-        weakest = _weakest([law for law in found if not _stands(law, laws, joint.space)])
-        if weakest is None:
+        worst = weakest([law for law in found if not stands(law, laws, joint.space)])
+        if worst is None:
             return joint
-        joint = without_effects(joint, [weakest.key], seed, progress)
-
-
-def exchanged(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
-    """The same with each law for which a candidate explains more in its place exchanged for it, and fitted again.
-
-    The search compared them beside fewer effects, and with the noise of another model.
-    """
-    tried: set[str] = set()
-    while True:
-        better = [
-            (nearest, law)
-            for law in joint.laws
-            if law.key in joint.keys and law.key not in tried
-            for nearest in alternatives(joint.space, law)[:1]
-            if nearest.margin < -SELECTION.least_refinement_fall and nearest.key not in tried
-        ]
-        if not better:
-            return joint
-        nearest, law = min(better, key=lambda pair: pair[0].margin)
-        tried |= {law.key, nearest.key}
-        without = _less(joint, [law.key])
-        rival = constants_by_runs(without.fit, joint.space.floor, [nearest.effect], progress)
-        other = _fitted(replace(without, added=(*without.added, *rival)), seed, progress)
-        joint = other if nearest.key in other.keys else joint
+        joint = without_effects(joint, [worst.key], seed, progress)
 
 
 def only_plausible(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
@@ -218,7 +149,7 @@ def only_plausible(joint: Joint, seed: int, progress: Progress = silent) -> Join
     """
     while True:
         found = [one for one in (*joint.laws, *added_faults(joint.space)) if one.key in joint.keys]
-        wrong = _weakest([one for one in found if _is_implausible(one, joint)])
+        wrong = weakest([one for one in found if _is_implausible(one, joint)])
         if wrong is None:
             return joint
         joint = without_effects(joint, [wrong.key], seed, progress)
@@ -233,35 +164,6 @@ def _is_implausible(found: AddedLaw, joint: Joint) -> bool:
     return joint.first.effects[found.key].implausible(found.values + removed, half) is not None
 
 
-def without_denied_faults(
-    joint: Joint, rest: Rest, seed: int, progress: Progress = silent
-) -> tuple[Joint, Rest]:  # fmt: skip
-    """The same without the sensor faults that a rest was taken for, with what is found among effects of the car alone
-    in place of them, and what then remains.
-
-    What an unknown force does to rows of one kind looks like a fault of the sensors in them; removed from the runs,
-    such a fault makes rows of other kinds fail, which want it back. A fault stands if those rows want it changed by no
-    more than chance, or than a law may be inexact. Other faults are not tried in place of one that does not stand.
-    """
-    found = [fault for fault in joint.space.fitted.model.faults if fault.key in joint.keys]
-    rows = rest.of_other_kinds()
-    if not found or not rows:
-        return joint, rest
-    space = joint.space
-    denied = {
-        one.key
-        for one in departures_on_rows(space, found, rows)
-        if space.family_wise_of(one.squares, one.null) <= SELECTION.level(space.draws)
-        and one.squares > SELECTION.selected_inexactness**2 * one.force
-    }
-    if not denied:
-        return joint, rest
-    faults = {key for key, effect in joint.first.effects.items() if effect.as_physics is None and key not in joint.keys}
-    without = without_effects(replace(joint, dropped=joint.dropped | faults), denied, seed, progress)
-    joint = continued(only_standing(without, seed, progress), seed, progress)
-    return joint, Rest.of(joint.space, joint.laws)
-
-
 def not_part_of_the_rest(joint: Joint, rest: Rest, seed: int, progress: Progress = silent) -> tuple[Joint, Rest]:
     """The same without effects found that may be a part of the same unknown cause as the rest, and what then remains.
 
@@ -273,10 +175,10 @@ def not_part_of_the_rest(joint: Joint, rest: Rest, seed: int, progress: Progress
     while rest.unlisted:
         found = [one for one in (*joint.laws, *added_faults(joint.space)) if one.key in joint.keys]
         elsewhere = _not_standing_elsewhere(joint, rest, before.space)
-        weakest = _weakest([one for one in found if one.force <= rest.beside(one) or one.key in elsewhere])
-        if weakest is None:
+        worst = weakest([one for one in found if one.force <= rest.beside(one) or one.key in elsewhere])
+        if worst is None:
             break
-        joint = less_a_part(joint, weakest.key, seed, progress)
+        joint = less_a_part(joint, worst.key, seed, progress)
         rest = Rest.of(joint.space, joint.laws)
     return (joint, rest) if joint is before else tested_again(joint, seed, progress)
 
@@ -311,9 +213,9 @@ def without_effects(joint: Joint, keys: Collection[str], seed: int, progress: Pr
 
 def _dropping(joint: Joint, keys: Collection[str], progress: Progress) -> Joint:
     """The same less some of the effects found, which are not tried again, still with the tests beside them."""
-    less = _less(joint, keys)
-    progress(Step(Stage.FIT_WITH_EFFECTS, subject=", ".join(less.keys)))
-    return replace(less, dropped=less.dropped | set(keys))
+    without = less(joint, keys)
+    progress(Step(Stage.FIT_WITH_EFFECTS, subject=", ".join(without.keys)))
+    return replace(without, dropped=without.dropped | set(keys))
 
 
 def with_further(joint: Joint, effects: Sequence[Effect], seed: int, progress: Progress = silent) -> Joint:
@@ -324,7 +226,7 @@ def with_further(joint: Joint, effects: Sequence[Effect], seed: int, progress: P
     return beside_of(joint, _tests_of(joint, joint.fit, (), seed, progress), progress)
 
 
-def _less(joint: Joint, keys: Collection[str]) -> Joint:
+def less(joint: Joint, keys: Collection[str]) -> Joint:
     """The same less some of the effects found, still with the tests beside them."""
     assert joint.base is not None
     return replace(
@@ -335,7 +237,7 @@ def _less(joint: Joint, keys: Collection[str]) -> Joint:
     )  # fmt: skip
 
 
-def _weakest(laws: Sequence[AddedLaw]) -> AddedLaw | None:
+def weakest(laws: Sequence[AddedLaw]) -> AddedLaw | None:
     return min(laws, key=lambda law: law.force, default=None)
 
 
@@ -344,7 +246,7 @@ def _is_significant(law: AddedLaw, space: ScoreTests) -> bool:
     return space.family_wise_of(law.force, law.null) <= SELECTION.level(space.draws)
 
 
-def _stands(law: AddedLaw, laws: Sequence[AddedLaw], space: ScoreTests) -> bool:
+def stands(law: AddedLaw, laws: Sequence[AddedLaw], space: ScoreTests) -> bool:
     """Whether a law of the model is there beside the others, and is not what these leave as they are not exact."""
     if not _is_significant(law, space):
         return False
@@ -362,7 +264,7 @@ def fitted_with(before: Fit, effects: Sequence[Effect], count: int, draws: int) 
     """Fit with further effects, without those whose size is not significant in it (Wald tests, Bonferroni).
 
     A sensor's fault must stand beside all that the sheet allows. An effect of the car need not: the sheet's tolerances
-    are estimated with it in the tests that follow (`_stands`), which are much narrower than the sheet where the runs
+    are estimated with it in the tests that follow (`stands`), which are much narrower than the sheet where the runs
     show these tolerances.
 
     `count` : number of candidates that they were selected from; `draws` : number of simulated runs behind that.

@@ -78,6 +78,11 @@ def with_best_constants(
     return found
 
 
+def fall_of(space: ScoreTests, effects: Sequence[Effect]) -> float:
+    """Fall of the weighted squares by effects at the shape constants that they have, all in the model together."""
+    return _Falls.of(space, [[effect] for effect in effects]).of_choice([0] * len(effects))
+
+
 def _same_law(effects: Sequence[Effect]) -> list[list[int]]:
     """Indices of the effects, those of one law with constants together."""
     groups: dict[tuple[str, int], list[int]] = {}

@@ -32,7 +32,7 @@ class Subset:
 
     Attributes
     ----------
-    alone : score tests without any of them.
+    alone : score tests without any of them; effects that are selected there already stay so.
     first : all candidates, each alone beside the model.
     space : score tests beside all of them.
     effects : the selected effects, with their shape constants.
@@ -60,7 +60,8 @@ class Subset:
         if not effects:
             return replace(self, space=self.alone, effects=())
         found = with_best_constants(self.alone, effects, progress)
-        return replace(self, space=self.alone.given(found, progress), effects=tuple(found))
+        there = [trial.effect for trial in self.alone.columns.selected]
+        return replace(self, space=self.alone.given([*there, *found], progress), effects=tuple(found))
 
     @cached_property
     def force(self) -> Mapping[str, float]:

@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.selection.joint.refits import (
     Joint,
-    continued,
     not_part_of_the_rest,
     only_plausible,
     only_standing,
     tested_again,
 )
+from lacet.identify.selection.joint.rounds import continued
 from lacet.identify.selection.laws.encompassing import only_encompassing
 from lacet.identify.selection.laws.formulas import Formula, described_by, propose
 from lacet.identify.selection.rest import Rest

@@ -26,15 +26,13 @@ from lacet.identify.selection.joint.refits import (
     _not_standing_elsewhere,
     _tests_of_some,
     beside_of,
-    exchanged,
     fitted_with,
-    found_together,
     not_part_of_the_rest,
     only_plausible,
     only_standing,
-    without_denied_faults,
 )
 from lacet.identify.selection.joint.rivals import rivals
+from lacet.identify.selection.joint.rounds import exchanged, found_together, without_denied_faults
 from lacet.identify.selection.joint.shape_constants import constants_by_runs, refined, with_best_constants
 from lacet.identify.selection.joint.subset_search import Subset, _strongest
 from lacet.identify.selection.rest import (

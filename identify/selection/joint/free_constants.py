@@ -1,0 +1,151 @@
+"""Steps of a search in which the shape constants of one selected effect are free.
+
+An effect selected early gets the constants with which it does the work of those that are missing beside it: a bump stop
+without a gap that of a progressive spring. Where it has them, the spring explains nothing more. So a candidate is
+tested beside the selected effects with the constants of each of them free in turn, and a selected effect is dropped
+where another with other constants does its work. All falls follow from the cross products of the columns.
+
+Source: H. Hazimeh and R. Mazumder, Fast best subset selection: coordinate descent and local combinatorial optimization
+algorithms, Operations Research 68 (2020): local optima of a search by single steps, left by steps of two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lacet.identify.effects.base import Effect
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.selection.columns.candidate_columns import solved
+from lacet.identify.selection.columns.layout import Trial
+from lacet.identify.selection.score_tests import ScoreTests
+from lacet.identify.selection.settings import SELECTION
+
+
+@dataclass(frozen=True)
+class FreeStep:
+    """A candidate beside the selected effects, one of which has other shape constants.
+
+    Attributes
+    ----------
+    candidate : the candidate.
+    other : the selected effect with its other constants.
+    fall : fall of the weighted squares by the candidate beside the others with these constants.
+    gain : fall of the weighted squares in all, from the selected effects as they are.
+    """
+
+    candidate: Effect
+    other: Effect
+    fall: float
+    gain: float
+
+
+class FreeConstants:
+    """The selected effects of score tests, one of which may have any constants of its grid.
+
+    Parameters
+    ----------
+    space : score tests beside the selected effects.
+    keys : those that are selected in the present search.
+    """
+
+    def __init__(self, space: ScoreTests, keys: Collection[str]):
+        known = space.regression_without(keys)
+        self.right = space.layout.right
+        self.trials = [trial for trial in space.layout.trials if not trial.fault]
+        self.own = {t.effect.key: t for t in space.columns.selected if t.effect.key in keys}
+        self.normal = known.reduced.copy()
+        for trial in space.layout.trials:
+            spread = np.array([q.prior for q in trial.effect.parameters])
+            self.normal[trial.place, trial.place] += np.diag(spread**-2.0)
+        self.energy = np.diag(space.sums.total)
+
+    def steps(self, candidates: Collection[str]) -> list[FreeStep]:
+        """For each candidate the best step with other constants of one selected effect; the largest gain first.
+
+        Only where it explains more than any candidate beside the effects with the constants that they have.
+        """
+        tried = [trial for trial in self.trials if trial.effect.key in candidates]
+        blocks, best = _Blocks.of(tried), dict[str, FreeStep]()
+        present, beside = self._given(self.own.values())
+        plain = float(np.max(blocks.falls(beside, self.right, self.energy), initial=0.0))
+        for key, options in self._options().items():
+            less, normal = self._given(trial for other, trial in self.own.items() if other != key)
+            for option in options:
+                by_option, after = self._swept(normal, option.place)
+                for trial, fall in zip(tried, blocks.falls(after, self.right, self.energy).tolist(), strict=True):
+                    name, gain = trial.effect.key, less + by_option + fall - present
+                    if gain > (best[name].gain if name in best else plain + SELECTION.least_refinement_fall):
+                        best[name] = FreeStep(trial.effect, option.effect, fall, gain)
+        return sorted(best.values(), key=lambda step: -step.gain)
+
+    def loss_without(self, key: str) -> tuple[float, Effect | None]:
+        """Rise of the weighted squares without a selected effect, the constants of another one free.
+
+        The other one with its constants is returned as well; None where no other one explains more with others.
+        """
+        present, _ = self._given(self.own.values())
+        kept, _ = self._given(trial for other, trial in self.own.items() if other != key)
+        best, with_other = kept, None
+        for name, options in self._options().items():
+            if name != key:
+                less, normal = self._given(t for other, t in self.own.items() if other not in (key, name))
+                for option in options:
+                    fall = less + self._swept(normal, option.place)[0]
+                    if fall > best + SELECTION.least_refinement_fall:
+                        best, with_other = fall, option.effect
+        return present - best, with_other
+
+    def _options(self) -> Mapping[str, Sequence[Trial]]:
+        """Selected effect with constants → its trials at the values of its grids."""
+        out: dict[str, list[Trial]] = {}
+        for trial in self.trials:
+            key = trial.effect.key
+            if key in self.own and trial.effect.grids and trial is not self.own[key]:
+                out.setdefault(key, []).append(trial)
+        return out
+
+    def _given(self, selected: Iterable[Trial]) -> tuple[float, Array]:
+        """Fall by some selected effects, and the normal matrix of all columns beside them."""
+        places = [np.r_[trial.place] for trial in selected]
+        return self._swept(self.normal, np.concatenate(places)) if places else (0.0, self.normal)
+
+    def _swept(self, normal: Array, at: slice | NDArray[np.intp]) -> tuple[float, Array]:
+        """Fall by the columns at these places, and the normal matrix of the others beside them."""
+        rows = normal[at]
+        gain = solved(rows[:, at], rows)
+        return float(rows[:, self.right] @ gain[:, self.right]), normal - rows.T @ gain
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """Places (n, k) of the columns of n trials; `there` (n, k) which of them a trial has, the others are filled up."""
+
+    places: NDArray[np.intp]
+    there: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, trials: Sequence[Trial]) -> _Blocks:
+        size = max((t.place.stop - t.place.start for t in trials), default=0)
+        counts = np.array([t.place.stop - t.place.start for t in trials], np.intp)
+        there = np.arange(size) < counts[:, None]
+        starts = np.array([t.place.start for t in trials], np.intp)
+        return cls(starts[:, None] + np.where(there, np.arange(size), 0), there)
+
+    def falls(self, normal: Array, right: int, energy: Array) -> Array:
+        """(n,) fall by each trial's columns; 0 where one of them is hidden by those that `normal` is beside."""
+        squares, score = normal[self.places[:, :, None], self.places[:, None, :]], normal[self.places, right]
+        both = self.there[:, :, None] & self.there[:, None, :]
+        squares = np.where(both, squares, np.eye(self.there.shape[1]))
+        score = np.where(self.there, score, 0.0)
+        diagonal = np.einsum("nkk->nk", squares)
+        shown = np.all(~self.there | (diagonal > SELECTION.gone_share * energy[self.places]), axis=1)
+        scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+        values, vectors = np.linalg.eigh(squares / (scale[:, :, None] * scale[:, None, :]))
+        turned = np.einsum("nkj,nk->nj", vectors, score / scale)
+        kept = values > SELECTION.shared_eigenvalue * np.max(values, axis=1, initial=0.0, keepdims=True)
+        falls = np.sum(np.divide(turned**2, values, out=np.zeros_like(turned), where=kept), axis=1)
+        return np.where(shown, falls, 0.0)

@@ -1,0 +1,237 @@
+"""Rounds of a selection: a search beside the effects found, a fit with what it adds, until nothing is added.
+
+After each fit the shape constants of the laws in it are free once more. An effect selected early gets the constants
+with which it does the work of those that are missing beside it: a bump stop without a gap that of a progressive
+spring, which then explains nothing more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
+
+from lacet.identify.effects.base import Effect
+from lacet.identify.progress import Progress, Stage, Step, silent
+from lacet.identify.selection.columns.linearisation import Linearisation, sheet_products
+from lacet.identify.selection.joint.alternatives import alternatives
+from lacet.identify.selection.joint.free_constants import FreeConstants, FreeStep
+from lacet.identify.selection.joint.refits import (
+    Joint,
+    beside_of,
+    fitted_together,
+    less,
+    only_standing,
+    without_effects,
+)
+from lacet.identify.selection.joint.shape_constants import constants_by_runs, fall_of, with_best_constants
+from lacet.identify.selection.joint.subset_search import inexactness_of, search
+from lacet.identify.selection.relinearisation import relinearise
+from lacet.identify.selection.rest import Rest, added_laws, departures_on_rows
+from lacet.identify.selection.score_tests import ScoreTests
+from lacet.identify.selection.settings import SELECTION
+
+
+def found_together(first: ScoreTests, seed: int, progress: Progress = silent) -> Joint:
+    """The effects found in all, in a fit with them, and the score tests of all others beside them.
+
+    What a selection leaves is judged by a new fit with the selected effects in its model, and a noise floor of it.
+    Where the runs cannot be fitted again here, nothing is found.
+    """
+    progress(Step(Stage.SCORE_TESTS))
+    alone = tuple(first.family_wise(first.try_all()))
+    base = first.linearisation.runs.refittable
+    joint = Joint(first, alone, first, alone, (), added_laws(first), base=base)
+    return joint if base is None else continued(joint, seed, progress)
+
+
+def started_with(joint: Joint, effect: Effect, seed: int, progress: Progress = silent) -> Joint:
+    """The effects found by a search that begins with `effect` in the fit; none where it does not stand in that."""
+    first, base = joint.first, joint.first.linearisation.runs.refittable
+    begun = Joint(first, joint.alone, first, joint.alone, (), added_laws(first), base=base, added=(effect,))
+    begun = fitted_together(begun, seed, progress)
+    return continued(begun, seed, progress) if begun.effects else begun
+
+
+def continued(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
+    """The same with what is found beside the effects found before."""
+    for _ in range(SELECTION.most_refits):
+        found = search(joint.space, joint.beside, joint.laws, progress).effects  # free the memory of its tests
+        if not found:
+            break
+        # A latency that was removed from the runs would be fitted as what remains of it.
+        latencies = joint.space.linearisation.latencies
+        late = [effect for effect in found if effect.sheet_kind == "latency" and latencies]
+        others = [effect for effect in found if effect not in late]
+        joint = replace(joint, effects=(*joint.effects, *late), removed=(*joint.removed, *late))
+        before = joint
+        if others:
+            joint = fitted_together(replace(joint, added=(*joint.added, *others)), seed, progress)
+            if joint.effects != before.effects:
+                joint = _at_its_best(joint, seed, progress)
+        if joint.effects == before.effects:
+            if not late:
+                break
+            joint = beside_of(joint, joint.space.given(joint.removed), progress)
+    return joint
+
+
+def _at_its_best(joint: Joint, seed: int, progress: Progress) -> Joint:
+    """The effects found as well as they can be fitted: what a wrong one among them leaves looks like others missing."""
+    if joint.space.linearisation.latencies:
+        joint = relinearised(joint, seed, progress)
+    return exchanged(with_constants_free(joint, seed, progress), seed, progress)
+
+
+def relinearised(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
+    """The effects found that stand where the runs are linearised at their latencies beside all of them."""
+    space = joint.space
+    closer = relinearise(space.linearisation, progress, SELECTION.settled_phase)
+    if closer is space.linearisation:
+        return joint
+    tests = ScoreTests.of(closer, list(space.effects.values()), seed, None, progress)
+    tests = tests.given(joint.removed) if joint.removed else tests
+    return only_standing(beside_of(joint.based_on(tests), tests, progress), seed, progress)
+
+
+def with_floor_at_tolerances(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
+    """The same with the noise floor at the parameters estimated with sensor tolerances in place of the fit's."""
+    space, fitted = joint.space, joint.space.linearisation.runs.refittable
+    assert fitted is not None
+    progress(Step(Stage.FLOOR_AT_TOLERANCES))
+    floor = space.floor.redrawn(fitted, space.tolerated_parameters)
+    sums = sheet_products(space.linearisation.runs, floor)
+    linearisation = replace(space.linearisation, floor=floor, sums=sums)
+    # What noise adds cancels in what the model explains at this fit's zeros only.
+    tests = ScoreTests.of(linearisation, list(space.effects.values()), seed, space.noise, progress)
+    return beside_of(joint, tests.given(joint.removed) if joint.removed else tests, progress)
+
+
+def with_constants_free(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
+    """The same with the shape constants of the laws found searched again, beside each other in one fit.
+
+    With other constants of one law another may be missing, or not needed. Only where laws act on common rows: a law
+    alone there has the constants that its own search found.
+    """
+    for _ in range(SELECTION.most_refits):
+        laws = [effect for effect in joint.effects if effect.as_physics is not None]
+        rows = {law.key: law.rows for law in joint.laws}
+        if not any(a.grids and any(b is not a and rows[a.key] & rows[b.key] for b in laws) for a in laws):
+            break
+        other = next(_with_other_constants(joint, laws, seed, progress), None)
+        if other is None:
+            break
+        joint = other
+    return joint
+
+
+def _with_other_constants(joint: Joint, laws: Sequence[Effect], seed: int, progress: Progress) -> Iterator[Joint]:
+    """The model with other constants of its laws, with a law more, or with one less; the first that stands is best."""
+    keys = [law.key for law in laws]
+    alone = _tests_without(joint, keys, seed, progress)
+    best = with_best_constants(alone, laws, progress)
+    free = FreeConstants(alone.given([*joint.removed, *best], progress), keys)
+    for step in _missing(joint, free):
+        wanted = [*(step.other if law.key == step.other.key else law for law in best), step.candidate]
+        new = _refitted(joint, with_best_constants(alone, wanted, progress), seed, progress)
+        if {step.candidate.key, step.other.key} <= {*new.keys}:
+            yield new
+    for law in sorted((law for law in joint.laws if law.key in keys), key=lambda law: law.force):
+        loss, other = free.loss_without(law.key)
+        near = [one for one in joint.laws if one.key != law.key]
+        if other is not None and loss <= inexactness_of(law.family, law.rows, near):
+            wanted = [other if one.key == other.key else one for one in best if one.key != law.key]
+            new = _refitted(joint, with_best_constants(alone, wanted, progress), seed, progress)
+            if {*new.keys} >= {one.key for one in wanted} and law.key not in new.keys:
+                yield new
+    if fall_of(alone, best) - fall_of(alone, laws) > SELECTION.least_refinement_fall:
+        new = _refitted(joint, best, seed, progress)
+        if {*new.keys} >= {*keys}:
+            yield new
+
+
+def _missing(joint: Joint, free: FreeConstants) -> list[FreeStep]:
+    """Steps with a candidate that is missing beside the laws, by what the simulated runs and inexact laws allow."""
+    tests = {key: test for key, test in joint.space.best_tests.items() if not test.trial.fault}
+    rows = {c.key: c.rows for c in joint.beside if c.key in tests}
+    found: list[FreeStep] = []
+    for step in free.steps(rows.keys()):
+        key, name = step.candidate.key, step.candidate.name
+        p = joint.space.family_wise_of(step.fall, tests[key].null)
+        if p <= SELECTION.level(joint.space.draws) and step.fall > inexactness_of(name, rows[key], joint.laws):
+            found.append(step)
+    return found[: SELECTION.most_free_steps]
+
+
+def _refitted(joint: Joint, laws: Sequence[Effect], seed: int, progress: Progress) -> Joint:
+    """The model with these laws in place of those found, as far as they stand in the fit.
+
+    What did not stand beside the others is tried again: beside these it may.
+    """
+    without = less(joint, [effect.key for effect in joint.effects if effect.as_physics is not None])
+    wanted = replace(without, added=(*without.added, *laws), dropped=frozenset())
+    return fitted_together(wanted, seed, progress)
+
+
+def _tests_without(joint: Joint, keys: Collection[str], seed: int, progress: Progress) -> ScoreTests:
+    """Score tests of all candidates beside the present fit without some of its effects, with the floor of that fit."""
+    linearisation = joint.space.linearisation
+    fitted = linearisation.runs.refittable
+    assert fitted is not None
+    progress(Step(Stage.SHAPE_CONSTANTS, subject=", ".join(keys)))
+    plain = Linearisation.of(fitted.without_effects(keys), linearisation.floor)
+    plain = replace(plain, latencies=linearisation.latencies)
+    tests = ScoreTests.of(plain, list(joint.first.effects.values()), seed, None, progress)
+    return tests.given(joint.removed, progress) if joint.removed else tests
+
+
+def exchanged(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
+    """The same with each law for which a candidate explains more in its place exchanged for it, and fitted again.
+
+    The search compared them beside fewer effects, and with the noise of another model.
+    """
+    tried: set[str] = set()
+    while True:
+        better = [
+            (nearest, law)
+            for law in joint.laws
+            if law.key in joint.keys and law.key not in tried
+            for nearest in alternatives(joint.space, law)[:1]
+            if nearest.margin < -SELECTION.least_refinement_fall and nearest.key not in tried
+        ]
+        if not better:
+            return joint
+        nearest, law = min(better, key=lambda pair: pair[0].margin)
+        tried |= {law.key, nearest.key}
+        without = less(joint, [law.key])
+        rival = constants_by_runs(without.fit, joint.space.floor, [nearest.effect], progress)
+        other = fitted_together(replace(without, added=(*without.added, *rival)), seed, progress)
+        joint = other if nearest.key in other.keys else joint
+
+
+def without_denied_faults(
+    joint: Joint, rest: Rest, seed: int, progress: Progress = silent
+) -> tuple[Joint, Rest]:  # fmt: skip
+    """The same without the sensor faults that a rest was taken for, with what is found among effects of the car alone
+    in place of them, and what then remains.
+
+    What an unknown force does to rows of one kind looks like a fault of the sensors in them; removed from the runs,
+    such a fault makes rows of other kinds fail, which want it back. A fault stands if those rows want it changed by no
+    more than chance, or than a law may be inexact. Other faults are not tried in place of one that does not stand.
+    """
+    found = [fault for fault in joint.space.fitted.model.faults if fault.key in joint.keys]
+    rows = rest.of_other_kinds()
+    if not found or not rows:
+        return joint, rest
+    space = joint.space
+    denied = {
+        one.key
+        for one in departures_on_rows(space, found, rows)
+        if space.family_wise_of(one.squares, one.null) <= SELECTION.level(space.draws)
+        and one.squares > SELECTION.selected_inexactness**2 * one.force
+    }
+    if not denied:
+        return joint, rest
+    faults = {key for key, effect in joint.first.effects.items() if effect.as_physics is None and key not in joint.keys}
+    without = without_effects(replace(joint, dropped=joint.dropped | faults), denied, seed, progress)
+    joint = continued(only_standing(without, seed, progress), seed, progress)
+    return joint, Rest.of(joint.space, joint.laws)
