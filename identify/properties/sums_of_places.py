@@ -9,6 +9,7 @@ import numpy as np
 
 from lacet.identify.effects.base import Effect, PhysicalEffect
 from lacet.identify.intervals import TWO_SIDED_95
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.parameter_estimates import WIDE
 from lacet.identify.validation.prediction_uncertainty import Knowledge
@@ -27,6 +28,8 @@ class SumOfPlaces:
     keys : keys of the effects, one a place; `parameter` the last name of their parameter, in `unit`.
     value, half : the sum, and half of its 95 % interval with the sensor sheet.
     widest : half of the widest 95 % interval, with sheet, of the members' own values.
+    inseparable : whether the runs show that there is a sum, and leave open how it is split among the places; at the
+        shape constants of the fit, which the members have in common.
     """
 
     keys: tuple[str, ...]
@@ -35,6 +38,7 @@ class SumOfPlaces:
     value: float
     half: float
     widest: float
+    inseparable: bool
 
     @property
     def name(self) -> str:
@@ -45,11 +49,6 @@ class SumOfPlaces:
     def members(self) -> tuple[str, ...]:
         """Names of the parameters that are summed."""
         return tuple(f"{key}.{self.parameter}" for key in self.keys)
-
-    @property
-    def inseparable(self) -> bool:
-        """Whether the runs show that there is a sum, and leave open how it is split among the places."""
-        return self.widest > max(WIDE * abs(self.value), _MUCH * self.half) and self.half < abs(self.value)
 
     @property
     def determined(self) -> bool:
@@ -71,20 +70,27 @@ def sums_of_places(fitted: Fit, knowledge: Knowledge) -> list[SumOfPlaces]:
     """The sum of every law beyond the base model that a fit has at several places, with what is known of it."""
     names, size = list(knowledge.names), len(knowledge.names)
     searched, sheet = fitted.covariances_searched
+    at_constants = knowledge.covariance + fitted.covariance_sheet[:size, :size]
     covariance = knowledge.covariance + (searched - fitted.covariance + sheet)[:size, :size]
     out: list[SumOfPlaces] = []
     for members in _groups(fitted.model.physics):
         at = [names.index(one.parameters[0].name) for one in members]
-        part = covariance[np.ix_(at, at)]
-        parameter = members[0].parameters[0]
+        parameter, value = members[0].parameters[0], float(np.sum(fitted.theta[at]))
+        half, widest = _halves(at_constants[np.ix_(at, at)])
+        inseparable = widest > max(WIDE * abs(value), _MUCH * half) and half < abs(value)
         out.append(
             SumOfPlaces(
-                tuple(one.key for one in members), parameter.name.rsplit(".", 1)[-1], parameter.unit,
-                float(np.sum(fitted.theta[at])), TWO_SIDED_95 * float(np.sqrt(max(0.0, np.sum(part)))),
-                TWO_SIDED_95 * float(np.sqrt(np.max(np.diag(part)))),
+                tuple(one.key for one in members), parameter.name.rsplit(".", 1)[-1], parameter.unit, value,
+                *_halves(covariance[np.ix_(at, at)]), inseparable,
             )
         )  # fmt: skip
     return out
+
+
+def _halves(covariance: Array) -> tuple[float, float]:
+    """Halves of the 95 % interval of a sum, and of the widest of its terms."""
+    total, widest = max(0.0, float(np.sum(covariance))), float(np.max(np.diag(covariance)))
+    return TWO_SIDED_95 * float(np.sqrt(total)), TWO_SIDED_95 * float(np.sqrt(widest))
 
 
 def _groups(effects: Sequence[PhysicalEffect]) -> list[list[PhysicalEffect]]:

@@ -386,6 +386,8 @@ def _not_constant(
             progress(Step(Stage.PARAMETER_CONSTANCY, subject=c.key))
             if c.key in laws:
                 runs = chow_test_in_model(joint.space, laws[c.key], [laws[key] for key in out if key in laws])
+            elif c.key in joint.space.selected:  # a latency removed from the runs
+                runs = chow_test(joint.space.releasing([c.key]), c)
             else:
                 runs = chow_test(joint.first, c, [other for other in standing if other.key != c.key])
             if runs is not None and (

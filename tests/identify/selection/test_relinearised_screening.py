@@ -12,6 +12,7 @@ from lacet.identify.regression.wls import Fit
 from lacet.identify.selection import diagnose as ranking
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.relinearisation import relinearise
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor, RunDraws, floor_at, floor_of
@@ -67,12 +68,12 @@ def test_latencies_within_tolerance_are_read_away_to_the_last(fitted: Fit):
     own = floor_of(off, 9)
     space = ScoreTests.of(Linearisation.of(off, own), TRIED, 0)
     assert not space.linearisation.latencies
-    closer = ranking._relinearised(space, lambda _: None)
+    closer = relinearise(space.linearisation, largest_phase=SELECTION.settled_phase)
     assert closer.latencies
     spaces = [ScoreTests.of(linearisation, TRIED, 0, space.noise) for linearisation in (space.linearisation, closer)]
     left = [s.residual_beside([]).ratios for s in spaces]
     assert left[1]["chassis.fx"] < 0.3 * left[0]["chassis.fx"]
-    assert ranking._relinearised(spaces[1], lambda _: None) is closer
+    assert relinearise(closer, largest_phase=SELECTION.settled_phase) is closer
 
 
 def test_what_the_sheet_leads_to_is_no_other_model(fitted: Fit, floor: NoiseFloor):
@@ -87,7 +88,7 @@ def test_a_rest_in_a_floor_that_is_too_low_is_looked_at_again(
     fitted: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch
 ):
     """Before it is called unlisted, the floor is simulated where the sheet leads."""
-    monkeypatch.setattr(ranking, "_relinearised", lambda space, progress: space.linearisation)
+    monkeypatch.setattr(ranking, "relinearised", lambda joint, seed, progress: joint)
     monkeypatch.setattr("lacet.identify.selection.rest.excess_is_coloured", lambda lack: True)
     said: list[str] = []
     low = scaled(floor, 1.0 / 1.3)

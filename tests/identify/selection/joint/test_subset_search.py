@@ -398,7 +398,7 @@ def test_beside_a_rest_a_fault_that_rows_of_other_kinds_want_back_is_no_name(
         assert all(row.kind != "chassis" for row in rows)
         return [Departure(fault.key, change**2 * 5000.0, np.full(DRAWS, 2.0), 5000.0)]
 
-    monkeypatch.setattr("lacet.identify.selection.joint.refits.departures_on_rows", departures)
+    monkeypatch.setattr("lacet.identify.selection.joint.rounds.departures_on_rows", departures)
     found, _ = without_denied_faults(joint, replace(rest, unlisted=(Row("chassis.my"),)), 0)
     assert asked == [[fault.key]]
     assert (fault.key in found.keys) == stands
