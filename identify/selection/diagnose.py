@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from itertools import chain
 
 import numpy as np
 
@@ -37,6 +38,7 @@ from lacet.identify.selection.joint.rounds import (
     found_together,
     relinearised,
     started_with,
+    with_a_fault,
     with_floor_at_tolerances,
     without_denied_faults,
 )
@@ -204,13 +206,14 @@ def _settled(joint: Joint, seed: int, progress: Progress) -> tuple[Joint, Rest]:
 def _of_another_start(joint: Joint, rest: Rest, seed: int, progress: Progress) -> tuple[Joint, Rest]:
     """The same; where the sheet would have to be wrong, effects with which it is not, nor anything else remains.
 
-    Where the sheet's tolerances, far off, do much of what is missing, they predict it in cross-validation as well as
-    its cause does, and a search begins with another effect or none. So others begin with effects that are significant.
+    A sensor fault may be among what is missing. Or the sheet's tolerances, far off, do much of what is missing: they
+    predict it in cross-validation as well as its cause does, and a search begins with another effect or none. So others
+    begin with effects that are significant.
     """
     if joint.base is None or rest.unlisted or not rest.sheet.tolerance_exceeded:
         return joint, rest
-    for effect in starts(joint):
-        other = started_with(joint, effect, seed, progress)
+    others = (started_with(joint, effect, seed, progress) for effect in starts(joint))
+    for other in chain(with_a_fault(joint, seed, progress), others):
         if other.effects:
             other, remains = _settled(other, seed, progress)
             if other.effects and not remains.unlisted and not remains.sheet.tolerance_exceeded:

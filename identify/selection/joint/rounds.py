@@ -52,6 +52,22 @@ def started_with(joint: Joint, effect: Effect, seed: int, progress: Progress = s
     return continued(begun, seed, progress) if begun.effects else begun
 
 
+def with_a_fault(joint: Joint, seed: int, progress: Progress = silent) -> Iterator[Joint]:
+    """The effects found with a sensor fault that is significant beside them, the likeliest first.
+
+    A search does not add what the laws found may be inexact by. Where the sensor sheet would have to be wrong instead,
+    a fault is the simpler answer; another one found before for lack of it does not stand beside it.
+    """
+    effects = joint.first.effects
+    tested = [c for c in joint.beside if c.tested and effects[c.key].as_fault is not None]
+    faults = [c for c in tested if c.p <= SELECTION.level(joint.space.draws)]
+    for c in sorted(faults, key=lambda c: -c.drop)[: SELECTION.most_starts - 1]:
+        wanted = replace(joint, added=(*joint.added, effects[c.key]))
+        new = fitted_together(wanted, seed, progress)
+        if c.key in new.keys:
+            yield new
+
+
 def continued(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
     """The same with what is found beside the effects found before."""
     for _ in range(SELECTION.most_refits):
