@@ -6,7 +6,7 @@ tested beside the selected effects with the constants of each of them free in tu
 where another with other constants does its work. All falls follow from the cross products of the columns.
 
 Source: H. Hazimeh and R. Mazumder, Fast best subset selection: coordinate descent and local combinatorial optimization
-algorithms, Operations Research 68 (2020): local optima of a search by single steps, left by steps of two.
+algorithms, Operations Research 68 (2020): beyond local optima of single steps by exchanges of several at once.
 """
 
 from __future__ import annotations

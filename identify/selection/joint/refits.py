@@ -96,7 +96,7 @@ def fitted_together(joint: Joint, seed: int, progress: Progress) -> Joint:
         gone = {effect.key for effect in joint.added} - {effect.key for effect in kept}
         space = _tests_of(joint, fitted, gone, seed, progress)
         laws = added_laws(space)
-        worst = weakest([law for law in laws if law.key in {e.key for e in kept} and not stands(law, laws, space)])
+        worst = _weakest([law for law in laws if law.key in {e.key for e in kept} and not _stands(law, laws, space)])
         if worst is None:
             break
         wanted = tuple(effect for effect in kept if effect.key != worst.key)
@@ -136,7 +136,7 @@ def only_standing(joint: Joint, seed: int, progress: Progress = silent) -> Joint
     while True:
         laws = joint.laws
         found = [law for law in laws if law.key in joint.keys]
-        worst = weakest([law for law in found if not stands(law, laws, joint.space)])
+        worst = _weakest([law for law in found if not _stands(law, laws, joint.space)])
         if worst is None:
             return joint
         joint = without_effects(joint, [worst.key], seed, progress)
@@ -149,7 +149,7 @@ def only_plausible(joint: Joint, seed: int, progress: Progress = silent) -> Join
     """
     while True:
         found = [one for one in (*joint.laws, *added_faults(joint.space)) if one.key in joint.keys]
-        wrong = weakest([one for one in found if _is_implausible(one, joint)])
+        wrong = _weakest([one for one in found if _is_implausible(one, joint)])
         if wrong is None:
             return joint
         joint = without_effects(joint, [wrong.key], seed, progress)
@@ -175,7 +175,7 @@ def not_part_of_the_rest(joint: Joint, rest: Rest, seed: int, progress: Progress
     while rest.unlisted:
         found = [one for one in (*joint.laws, *added_faults(joint.space)) if one.key in joint.keys]
         elsewhere = _not_standing_elsewhere(joint, rest, before.space)
-        worst = weakest([one for one in found if one.force <= rest.beside(one) or one.key in elsewhere])
+        worst = _weakest([one for one in found if one.force <= rest.beside(one) or one.key in elsewhere])
         if worst is None:
             break
         joint = less_a_part(joint, worst.key, seed, progress)
@@ -237,7 +237,7 @@ def less(joint: Joint, keys: Collection[str]) -> Joint:
     )  # fmt: skip
 
 
-def weakest(laws: Sequence[AddedLaw]) -> AddedLaw | None:
+def _weakest(laws: Sequence[AddedLaw]) -> AddedLaw | None:
     return min(laws, key=lambda law: law.force, default=None)
 
 
@@ -246,7 +246,7 @@ def _is_significant(law: AddedLaw, space: ScoreTests) -> bool:
     return space.family_wise_of(law.force, law.null) <= SELECTION.level(space.draws)
 
 
-def stands(law: AddedLaw, laws: Sequence[AddedLaw], space: ScoreTests) -> bool:
+def _stands(law: AddedLaw, laws: Sequence[AddedLaw], space: ScoreTests) -> bool:
     """Whether a law of the model is there beside the others, and is not what these leave as they are not exact."""
     if not _is_significant(law, space):
         return False
@@ -264,7 +264,7 @@ def fitted_with(before: Fit, effects: Sequence[Effect], count: int, draws: int) 
     """Fit with further effects, without those whose size is not significant in it (Wald tests, Bonferroni).
 
     A sensor's fault must stand beside all that the sheet allows. An effect of the car need not: the sheet's tolerances
-    are estimated with it in the tests that follow (`stands`), which are much narrower than the sheet where the runs
+    are estimated with it in the tests that follow (`_stands`), which are much narrower than the sheet where the runs
     show these tolerances.
 
     `count` : number of candidates that they were selected from; `draws` : number of simulated runs behind that.

@@ -1,0 +1,118 @@
+"""Rounds of search and refit: the effects found are at their best before further ones are sought."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lacet.identify.effects.base import Effect
+from lacet.identify.regression.sums.prepared_runs import recording_without_faults
+from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.columns.linearisation import Linearisation
+from lacet.identify.selection.joint.free_constants import FreeConstants
+from lacet.identify.selection.joint.refits import Joint, fitted_together
+from lacet.identify.selection.joint.rounds import with_a_fault, with_constants_free
+from lacet.identify.selection.joint.shape_constants import fall_of
+from lacet.identify.selection.joint.subset_search import search
+from lacet.identify.selection.relinearisation import relinearise
+from lacet.identify.selection.rest import added_laws
+from lacet.identify.selection.score_tests import ScoreTests
+from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
+from tests.identify.exact_car import KNOWN, driven, fit_of
+from tests.identify.selection.exact_ranking import DRAWS
+from tests.identify.selection.joint.test_subset_search import with_all
+
+STOP = replace(KNOWN["bump_stop.rear"], shape={"gap": 0.01, "n": 1.0})
+TOO_SOON = replace(STOP, shape={"gap": 0.0, "n": 2.0})
+"""The stop with constants that do the work of the spring, too."""
+BAR = KNOWN["anti_roll_bar.rear"]
+SPRING = KNOWN["spring_quadratic.rear"]
+MISSING = [(STOP, 30000.0), (SPRING, 60000.0), (BAR, 6000.0)]
+GAIN = KNOWN["sensor_gain.hub.fl"]
+LATE = KNOWN["sensor_latency.imu"]
+TRIED = [
+    STOP, SPRING, KNOWN["spring_cubic.rear"], BAR, KNOWN["coulomb.front"], GAIN,
+    KNOWN["sensor_gain.hub.rr"], LATE,
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def fitted() -> Fit:
+    return fit_of(driven(with_all(MISSING), 3))
+
+
+@pytest.fixture(scope="module")
+def floor(fitted: Fit) -> NoiseFloor:
+    return floor_of(fitted, DRAWS)
+
+
+@pytest.fixture(scope="module")
+def space(fitted: Fit, floor: NoiseFloor) -> ScoreTests:
+    candidates = [replace(KNOWN[effect.key], shape={}) for effect in TRIED]
+    return ScoreTests.of(Linearisation.of(fitted, floor), candidates, 0)
+
+
+def begun(space: ScoreTests, added: list[Effect]) -> Joint:
+    """The model with these effects, as if a search had found them."""
+    alone = tuple(space.family_wise(space.try_all()))
+    base = space.linearisation.runs.refittable
+    joint = Joint(space, alone, space, alone, (), added_laws(space), base=base, added=tuple(added))
+    return fitted_together(joint, 0, lambda _: None)
+
+
+def test_gain_and_loss_with_free_constants_are_those_of_the_sets(space: ScoreTests):
+    selected = [TOO_SOON, BAR]
+    free = FreeConstants(space.given(selected), [effect.key for effect in selected])
+    step = free.steps([SPRING.key])[0]
+    assert step.other.shape != TOO_SOON.shape
+    with_step = [step.other, selected[1], step.candidate]
+    # The tests beside the selected effects have other priors of the tolerances than `space`.
+    rightly = ScoreTests(space.given(selected).columns.given([]), space.noise)
+    assert step.gain == pytest.approx(fall_of(rightly, with_step) - fall_of(rightly, selected), rel=1e-6)
+    loss, other = free.loss_without(BAR.key)
+    less = [other or TOO_SOON]
+    assert loss == pytest.approx(fall_of(rightly, selected) - fall_of(rightly, less), rel=1e-6, abs=1e-6)
+
+
+def test_a_spring_that_a_stop_with_wrong_constants_stands_for_is_found(space: ScoreTests):
+    wrong = begun(space, [TOO_SOON, BAR])
+    assert {*wrong.keys} == {STOP.key, BAR.key}
+    right = with_constants_free(wrong, 0)
+    (stop,) = (effect for effect in right.effects if effect.key == STOP.key)
+    assert {*right.keys} == {STOP.key, BAR.key, SPRING.key}
+    assert stop.shape["gap"] == pytest.approx(STOP.shape["gap"], abs=0.002)
+
+
+def test_a_search_keeps_what_is_in_the_model_already(space: ScoreTests):
+    """A latency that was removed from the runs stays in the model of each of its steps, and is not found again."""
+    beside = space.given([LATE])
+    found = search(beside, beside.family_wise(beside.try_all()))
+    assert found.effects
+    assert LATE.key not in found.keys
+    assert LATE.key in found.space.selected
+
+
+@pytest.mark.parametrize("wrong", [0.0, 0.05])
+def test_a_fault_is_tried_where_it_is_significant(fitted: Fit, floor: NoiseFloor, wrong: float):
+    record = recording_without_faults(with_all(MISSING), [GAIN], np.array([-wrong]))
+    off = fit_of(driven(record, 3), fitted) if wrong else fitted
+    joint = begun(ScoreTests.of(Linearisation.of(off, floor), TRIED, 0), [STOP, SPRING, BAR])
+    assert [set(new.keys) - set(joint.keys) for new in with_a_fault(joint, 0)] == ([{GAIN.key}] if wrong else [])
+
+
+def test_latencies_beside_what_is_missing_are_nearer_the_truth(fitted: Fit, floor: NoiseFloor):
+    late = 0.01
+    record = recording_without_faults(with_all(MISSING), [LATE], np.array([-late]))
+    present = Linearisation.of(fit_of(driven(record, 3), fitted), floor)
+    alone, beside = (relinearise(present, beside=effects) for effects in ((), (STOP, SPRING, BAR)))
+    assert not beside.fitted.model.effects[len(present.fitted.model.effects) :]
+
+    def error(found: Linearisation) -> float:
+        """Of the inertial unit's latency against the wheels': the time that all have in common is in no run."""
+        by_channel = {channel: seconds for (_, channel, _), seconds in found.latencies.items()}
+        others = [seconds for channel, seconds in by_channel.items() if not channel.startswith("imu")]
+        return abs(by_channel["imu.accel"] - float(np.mean(others)) - late)
+
+    assert error(beside) < 0.5 * error(alone)
