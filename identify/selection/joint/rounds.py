@@ -79,23 +79,35 @@ def continued(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
         late = [effect for effect in found if effect.sheet_kind == "latency" and latencies]
         others = [effect for effect in found if effect not in late]
         joint = replace(joint, effects=(*joint.effects, *late), removed=(*joint.removed, *late))
-        before = joint
+        present = joint.effects
         if others:
             joint = fitted_together(replace(joint, added=(*joint.added, *others)), seed, progress)
-            if joint.effects != before.effects:
-                joint = _at_its_best(joint, seed, progress)
-        if joint.effects == before.effects:
+            rounds = SELECTION.most_refits if joint.effects != present else 0
+            while rounds and (better := improved(joint, seed, progress)) is not None:
+                joint, rounds = better, rounds - 1
+        if joint.effects == present:
             if not late:
                 break
             joint = beside_of(joint, joint.space.given(joint.removed), progress)
     return joint
 
 
-def _at_its_best(joint: Joint, seed: int, progress: Progress) -> Joint:
-    """The effects found as well as they can be fitted: what a wrong one among them leaves looks like others missing."""
+def improved(joint: Joint, seed: int, progress: Progress = silent) -> Joint | None:
+    """The effects found, one step better fitted; None where they are at their best.
+
+    What a wrong one among them leaves looks like others missing. The runs are linearised at the latencies beside them;
+    the shape constants of the laws are searched again together; a law is exchanged.
+    """
     if joint.space.linearisation.latencies:
-        joint = relinearised(joint, seed, progress)
-    return exchanged(with_constants_free(joint, seed, progress), seed, progress)
+        closer = relinearised(joint, seed, progress)
+        if closer is not joint:
+            return closer
+    for laws, needed in _with_other_constants(joint, seed, progress):
+        new = _refitted(joint, laws, seed, progress)
+        if needed <= {*new.keys}:
+            return new
+    other = exchanged(joint, seed, progress)
+    return None if other is joint else other
 
 
 def relinearised(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
@@ -122,47 +134,40 @@ def with_floor_at_tolerances(joint: Joint, seed: int, progress: Progress = silen
     return beside_of(joint, tests.given(joint.removed) if joint.removed else tests, progress)
 
 
-def with_constants_free(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
-    """The same with the shape constants of the laws found searched again, beside each other in one fit.
+def _with_other_constants(
+    joint: Joint, seed: int, progress: Progress
+) -> list[tuple[Sequence[Effect], frozenset[str]]]:  # fmt: skip
+    """Laws in place of those found, with constants searched in one fit; and keys of those that must stand in a new one.
 
     With other constants of one law another may be missing, or not needed. Only where laws act on common rows: a law
     alone there has the constants that its own search found.
     """
-    for _ in range(SELECTION.most_refits):
-        laws = [effect for effect in joint.effects if effect.as_physics is not None]
-        rows = {law.key: law.rows for law in joint.laws}
-        if not any(a.grids and any(b is not a and rows[a.key] & rows[b.key] for b in laws) for a in laws):
-            break
-        other = next(_with_other_constants(joint, laws, seed, progress), None)
-        if other is None:
-            break
-        joint = other
-    return joint
-
-
-def _with_other_constants(joint: Joint, laws: Sequence[Effect], seed: int, progress: Progress) -> Iterator[Joint]:
-    """The model with other constants of its laws, with a law more, or with one less; the first that stands is best."""
-    keys = [law.key for law in laws]
+    laws = [effect for effect in joint.effects if effect.as_physics is not None]
+    rows, keys = {law.key: law.rows for law in joint.laws}, [law.key for law in laws]
+    if not any(a.grids and any(b is not a and rows[a.key] & rows[b.key] for b in laws) for a in laws):
+        return []
     alone = _tests_without(joint, keys, seed, progress)
     best = with_best_constants(alone, laws, progress)
     free = FreeConstants(alone.given([*joint.removed, *best], progress), keys)
-    for step in _missing(joint, free):
-        wanted = [*(step.other if law.key == step.other.key else law for law in best), step.candidate]
-        new = _refitted(joint, with_best_constants(alone, wanted, progress), seed, progress)
-        if {step.candidate.key, step.other.key} <= {*new.keys}:
-            yield new
+    sets = [
+        ([*_exchanged(best, step.other), step.candidate], {step.candidate.key, step.other.key})
+        for step in _missing(joint, free)
+    ]
     for law in sorted((law for law in joint.laws if law.key in keys), key=lambda law: law.force):
         loss, other = free.loss_without(law.key)
         near = [one for one in joint.laws if one.key != law.key]
         if other is not None and loss <= inexactness_of(law.family, law.rows, near):
-            wanted = [other if one.key == other.key else one for one in best if one.key != law.key]
-            new = _refitted(joint, with_best_constants(alone, wanted, progress), seed, progress)
-            if {*new.keys} >= {one.key for one in wanted} and law.key not in new.keys:
-                yield new
+            less_one = [one for one in _exchanged(best, other) if one.key != law.key]
+            sets.append((less_one, {one.key for one in less_one}))
+    out = [(with_best_constants(alone, wanted, progress), frozenset(needed)) for wanted, needed in sets]
     if fall_of(alone, best) - fall_of(alone, laws) > SELECTION.least_refinement_fall:
-        new = _refitted(joint, best, seed, progress)
-        if {*new.keys} >= {*keys}:
-            yield new
+        out.append((best, frozenset(keys)))
+    return out
+
+
+def _exchanged(laws: Sequence[Effect], other: Effect) -> list[Effect]:
+    """The laws with `other` in place of the one of its key."""
+    return [other if law.key == other.key else law for law in laws]
 
 
 def _missing(joint: Joint, free: FreeConstants) -> list[FreeStep]:
@@ -189,14 +194,23 @@ def _refitted(joint: Joint, laws: Sequence[Effect], seed: int, progress: Progres
 
 
 def _tests_without(joint: Joint, keys: Collection[str], seed: int, progress: Progress) -> ScoreTests:
-    """Score tests of all candidates beside the present fit without some of its effects, with the floor of that fit."""
+    """Score tests of the laws beside the present fit without some of its effects, with the floor of that fit.
+
+    Sensor faults are there as far as their tolerances are not in the sheet channel by channel.
+    """
     linearisation = joint.space.linearisation
     fitted = linearisation.runs.refittable
     assert fitted is not None
     progress(Step(Stage.SHAPE_CONSTANTS, subject=", ".join(keys)))
     plain = Linearisation.of(fitted.without_effects(keys), linearisation.floor)
     plain = replace(plain, latencies=linearisation.latencies)
-    tests = ScoreTests.of(plain, list(joint.first.effects.values()), seed, None, progress)
+    there = {"gain", "latency", "drift"}
+    tried = [
+        effect
+        for effect in joint.first.effects.values()
+        if effect.as_physics is not None or effect.sheet_kind not in there or effect in joint.removed
+    ]
+    tests = ScoreTests.of(plain, tried, seed, None, progress)
     return tests.given(joint.removed, progress) if joint.removed else tests
 
 

@@ -13,7 +13,7 @@ from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.joint.free_constants import FreeConstants
 from lacet.identify.selection.joint.refits import Joint, fitted_together
-from lacet.identify.selection.joint.rounds import with_a_fault, with_constants_free
+from lacet.identify.selection.joint.rounds import improved, with_a_fault
 from lacet.identify.selection.joint.shape_constants import fall_of
 from lacet.identify.selection.joint.subset_search import search
 from lacet.identify.selection.relinearisation import relinearise
@@ -79,7 +79,8 @@ def test_gain_and_loss_with_free_constants_are_those_of_the_sets(space: ScoreTes
 def test_a_spring_that_a_stop_with_wrong_constants_stands_for_is_found(space: ScoreTests):
     wrong = begun(space, [TOO_SOON, BAR])
     assert {*wrong.keys} == {STOP.key, BAR.key}
-    right = with_constants_free(wrong, 0)
+    right = improved(wrong, 0)
+    assert right is not None
     (stop,) = (effect for effect in right.effects if effect.key == STOP.key)
     assert {*right.keys} == {STOP.key, BAR.key, SPRING.key}
     assert stop.shape["gap"] == pytest.approx(STOP.shape["gap"], abs=0.002)
