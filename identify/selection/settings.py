@@ -37,6 +37,9 @@ class SelectionSettings:
     most_free_steps: int = 2
     """Candidates that are fitted, of those that explain more where a law found has other shape constants [count].
     Source: processor time."""
+    exchanged_share: float = 0.5
+    """Part of a law's weighted squares that it may still explain beside a candidate which takes its place [share].
+    Source: the smaller part."""
     most_refits: int = 4
     """Fits with all effects found so far, each with a new noise floor and search [count]. Source: processor time."""
     most_starts: int = 3

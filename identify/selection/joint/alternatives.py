@@ -35,12 +35,14 @@ class Alternative:
     margin : weighted squares that the law explains more than the candidate in its place.
     p : probability of such a margin where the candidate is the truth.
     correlation : canonical correlation of their columns, everything else removed.
+    law_beside : weighted squares that the law explains beside the candidate.
     """
 
     effect: Effect
     margin: float
     p: float
     correlation: float
+    law_beside: float
 
     @property
     def key(self) -> str:
@@ -108,21 +110,21 @@ class _InPlaceOf:
         own = np.linalg.inv(both)
         gain = spread @ across.T @ own
 
-        def compared(score: Array, values: Array) -> tuple[Array, Array]:
-            """The margin, and the candidate's parameters without the law."""
+        def compared(score: Array, values: Array) -> tuple[Array, Array, Array]:
+            """The margin, the squares of the law beside the candidate, and the candidate's parameters without it."""
             theirs = spread @ score
             ours = values + across @ theirs
-            margin = np.einsum("kd,kd->d", ours, own @ ours) - np.einsum("kd,kd->d", theirs, normal @ theirs)
-            return margin, theirs - gain @ ours
+            beside = np.einsum("kd,kd->d", ours, own @ ours)
+            return beside - np.einsum("kd,kd->d", theirs, normal @ theirs), beside, theirs - gain @ ours
 
-        margin, alone = compared(known.reduced[at, right][:, None], self.values[:, None])
+        margin, beside, alone = compared(known.reduced[at, right][:, None], self.values[:, None])
         half = SELECTION.interval_quantile * np.sqrt(np.maximum(0.0, np.diag(spread - gain @ across @ spread)))
         if trial.effect.implausible(alone[:, 0], half) is not None:
             return None
         # With the candidate the truth at that size, the law's own estimate beside it is noise.
-        drawn, _ = compared(self.drawn[at] + normal @ alone, self.moved - across @ alone)
+        drawn, _, _ = compared(self.drawn[at] + normal @ alone, self.moved - across @ alone)
         p = (1 + int(np.count_nonzero(drawn >= margin[0]))) / (1 + drawn.size)
         # Of the law's columns, everything but the candidate removed, and the candidate's.
         shared = across @ spread @ across.T
         correlation = float(np.sqrt(np.clip(np.max(np.linalg.eigvals(own @ shared).real), 0.0, 1.0)))
-        return Alternative(trial.effect, float(margin[0]), p, correlation)
+        return Alternative(trial.effect, float(margin[0]), p, correlation, float(beside[0]))

@@ -13,7 +13,7 @@ from dataclasses import replace
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.selection.columns.linearisation import Linearisation, sheet_products
-from lacet.identify.selection.joint.alternatives import alternatives
+from lacet.identify.selection.joint.alternatives import Alternative, alternatives
 from lacet.identify.selection.joint.free_constants import FreeConstants, FreeStep
 from lacet.identify.selection.joint.refits import (
     Joint,
@@ -26,7 +26,7 @@ from lacet.identify.selection.joint.refits import (
 from lacet.identify.selection.joint.shape_constants import constants_by_runs, fall_of, with_best_constants
 from lacet.identify.selection.joint.subset_search import inexactness_of, search
 from lacet.identify.selection.relinearisation import relinearise
-from lacet.identify.selection.rest import Rest, added_laws, departures_on_rows
+from lacet.identify.selection.rest import AddedLaw, Rest, added_laws, departures_on_rows
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 
@@ -217,7 +217,8 @@ def _tests_without(joint: Joint, keys: Collection[str], seed: int, progress: Pro
 def exchanged(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
     """The same with each law for which a candidate explains more in its place exchanged for it, and fitted again.
 
-    The search compared them beside fewer effects, and with the noise of another model.
+    The search compared them beside fewer effects, and with the noise of another model. A candidate beside which
+    the law explains as much as alone is no exchange: both are missing.
     """
     tried: set[str] = set()
     while True:
@@ -225,8 +226,8 @@ def exchanged(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
             (nearest, law)
             for law in joint.laws
             if law.key in joint.keys and law.key not in tried
-            for nearest in alternatives(joint.space, law)[:1]
-            if nearest.margin < -SELECTION.least_refinement_fall and nearest.key not in tried
+            for nearest in _in_place_of(joint, law)
+            if nearest.key not in tried
         ]
         if not better:
             return joint
@@ -236,6 +237,16 @@ def exchanged(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
         rival = constants_by_runs(without.fit, joint.space.floor, [nearest.effect], progress)
         other = fitted_together(replace(without, added=(*without.added, *rival)), seed, progress)
         joint = other if nearest.key in other.keys else joint
+
+
+def _in_place_of(joint: Joint, law: AddedLaw) -> list[Alternative]:
+    """The candidate that explains most in a law's place, if more than the law, most of which it explains as well."""
+    allowed = SELECTION.exchanged_share * law.force
+    return [
+        one
+        for one in alternatives(joint.space, law)
+        if one.margin < -SELECTION.least_refinement_fall and one.law_beside <= allowed
+    ][:1]
 
 
 def without_denied_faults(
