@@ -186,10 +186,15 @@ def _missing(joint: Joint, free: FreeConstants) -> list[FreeStep]:
 def _refitted(joint: Joint, laws: Sequence[Effect], seed: int, progress: Progress) -> Joint:
     """The model with these laws in place of those found, as far as they stand in the fit.
 
-    What did not stand beside the others is tried again: beside these it may.
+    A law of the car that did not stand beside the others is tried again: beside these it may.
     """
+    out = frozenset(
+        key
+        for key in joint.dropped
+        if key in joint.parts or joint.first.effects[key].as_fault is not None or joint.first.effects[key].is_of_run()
+    )
     without = less(joint, [effect.key for effect in joint.effects if effect.as_physics is not None])
-    wanted = replace(without, added=(*without.added, *laws), dropped=frozenset())
+    wanted = replace(without, added=(*without.added, *laws), dropped=out)
     return fitted_together(wanted, seed, progress)
 
 
