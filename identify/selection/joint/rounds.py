@@ -136,7 +136,7 @@ def with_floor_at_tolerances(joint: Joint, seed: int, progress: Progress = silen
 
 def _with_other_constants(
     joint: Joint, seed: int, progress: Progress
-) -> list[tuple[Sequence[Effect], frozenset[str]]]:  # fmt: skip
+) -> list[tuple[list[Effect], frozenset[str]]]:  # fmt: skip
     """Laws in place of those found, with constants searched in one fit; and keys of those that must stand in a new one.
 
     With other constants of one law another may be missing, or not needed. Only where laws act on common rows: a law
