@@ -41,7 +41,8 @@ class SelectionSettings:
     """Part of a law's weighted squares that it may still explain beside a candidate which takes its place [share].
     Source: the smaller part."""
     most_refits: int = 4
-    """Fits with all effects found so far, each with a new noise floor and search [count]. Source: processor time."""
+    """Fits with all effects found so far, each with a new noise floor and search, and steps that improve the effects of
+    one of them [count]. Source: processor time."""
     most_starts: int = 3
     """Searches in all, where with what is found the sheet would have to be wrong, each of the others beginning with
     another significant effect [count]. Source: processor time."""

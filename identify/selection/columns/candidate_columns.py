@@ -18,6 +18,9 @@ from lacet.identify.selection.columns.layout import Layout, Trial
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.settings import SELECTION
 
+WITHOUT_COLUMN = frozenset({"gain", "latency", "drift"})
+"""Kinds of sensor faults that stand for no tolerance of their own: it is in the sheet by channel, or drawn by run."""
+
 
 @dataclass(frozen=True)
 class CandidateColumns:
@@ -85,7 +88,7 @@ class CandidateColumns:
         sigma = dict.fromkeys(sheet, 1.0)
         for trial in layout.trials[: len(shapes)]:
             key = trial.effect.key
-            if trial.fault and bounds[key] > 0.0 and kinds[key] not in ("gain", "latency", "drift"):
+            if trial.fault and bounds[key] > 0.0 and kinds[key] not in WITHOUT_COLUMN:
                 sheet[trial.place.start], sigma[trial.place.start] = key, bounds[key]
         there = [place for place in sheet if sums.total[place, place] > 0.0]
         one = np.array([sigma[place] for place in there])

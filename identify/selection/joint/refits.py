@@ -125,7 +125,12 @@ def _tests_of_some(
     tried = {effect.key for effect in others}
     removed = [joint.first.effects[effect.key] for effect in joint.removed if effect.key not in tried]
     space = ScoreTests.of(closer, (*others, *removed), seed, None, progress)
-    return space.given(joint.removed) if joint.removed else space
+    return beside_removed(joint, space, progress)
+
+
+def beside_removed(joint: Joint, space: ScoreTests, progress: Progress) -> ScoreTests:
+    """The score tests beside the latencies that were removed from the runs, if there are any."""
+    return space.given(joint.removed, progress) if joint.removed else space
 
 
 def only_standing(joint: Joint, seed: int, progress: Progress = silent) -> Joint:

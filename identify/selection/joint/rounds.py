@@ -1,30 +1,29 @@
 """Rounds of a selection: a search beside the effects found, a fit with what it adds, until nothing is added.
 
-After each fit the shape constants of the laws in it are free once more. An effect selected early gets the constants
-with which it does the work of those that are missing beside it: a bump stop without a gap that of a progressive
-spring, which then explains nothing more.
+After each fit the effects in it are improved first: what a wrong one among them leaves looks like others missing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress, Stage, Step, silent
-from lacet.identify.selection.columns.linearisation import Linearisation, sheet_products
+from lacet.identify.selection.columns.linearisation import sheet_products
 from lacet.identify.selection.joint.alternatives import Alternative, alternatives
-from lacet.identify.selection.joint.free_constants import FreeConstants, FreeStep
+from lacet.identify.selection.joint.other_constants import with_other_constants
 from lacet.identify.selection.joint.refits import (
     Joint,
     beside_of,
+    beside_removed,
     fitted_together,
     less,
     only_standing,
     without_effects,
 )
-from lacet.identify.selection.joint.shape_constants import constants_by_runs, fall_of, with_best_constants
-from lacet.identify.selection.joint.subset_search import inexactness_of, search
+from lacet.identify.selection.joint.shape_constants import constants_by_runs
+from lacet.identify.selection.joint.subset_search import search
 from lacet.identify.selection.relinearisation import relinearise
 from lacet.identify.selection.rest import AddedLaw, Rest, added_laws, departures_on_rows
 from lacet.identify.selection.score_tests import ScoreTests
@@ -82,27 +81,29 @@ def continued(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
         present = joint.effects
         if others:
             joint = fitted_together(replace(joint, added=(*joint.added, *others)), seed, progress)
-            rounds = SELECTION.most_refits if joint.effects != present else 0
-            while rounds and (better := improved(joint, seed, progress)) is not None:
-                joint, rounds = better, rounds - 1
+            for _ in range(SELECTION.most_refits if joint.effects != present else 0):
+                better = improved(joint, seed, progress)
+                if better is None:
+                    break
+                joint = better
         if joint.effects == present:
             if not late:
                 break
-            joint = beside_of(joint, joint.space.given(joint.removed), progress)
+            joint = beside_of(joint, beside_removed(joint, joint.space, progress), progress)
     return joint
 
 
 def improved(joint: Joint, seed: int, progress: Progress = silent) -> Joint | None:
     """The effects found, one step better fitted; None where they are at their best.
 
-    What a wrong one among them leaves looks like others missing. The runs are linearised at the latencies beside them;
-    the shape constants of the laws are searched again together; a law is exchanged.
+    The runs are linearised at the latencies beside them; the shape constants of the laws are searched again together; a
+    law is exchanged.
     """
     if joint.space.linearisation.latencies:
         closer = relinearised(joint, seed, progress)
         if closer is not joint:
             return closer
-    for laws, needed in _with_other_constants(joint, seed, progress):
+    for laws, needed in with_other_constants(joint, seed, progress):
         new = _refitted(joint, laws, seed, progress)
         if needed <= {*new.keys}:
             return new
@@ -117,7 +118,7 @@ def relinearised(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
     if closer is space.linearisation:
         return joint
     tests = ScoreTests.of(closer, list(space.effects.values()), seed, None, progress)
-    tests = tests.given(joint.removed) if joint.removed else tests
+    tests = beside_removed(joint, tests, progress)
     return only_standing(beside_of(joint.based_on(tests), tests, progress), seed, progress)
 
 
@@ -131,56 +132,7 @@ def with_floor_at_tolerances(joint: Joint, seed: int, progress: Progress = silen
     linearisation = replace(space.linearisation, floor=floor, sums=sums)
     # What noise adds cancels in what the model explains at this fit's zeros only.
     tests = ScoreTests.of(linearisation, list(space.effects.values()), seed, space.noise, progress)
-    return beside_of(joint, tests.given(joint.removed) if joint.removed else tests, progress)
-
-
-def _with_other_constants(
-    joint: Joint, seed: int, progress: Progress
-) -> list[tuple[list[Effect], frozenset[str]]]:  # fmt: skip
-    """Laws in place of those found, with constants searched in one fit; and keys of those that must stand in a new one.
-
-    With other constants of one law another may be missing, or not needed. Only where laws act on common rows: a law
-    alone there has the constants that its own search found.
-    """
-    laws = [effect for effect in joint.effects if effect.as_physics is not None]
-    rows, keys = {law.key: law.rows for law in joint.laws}, [law.key for law in laws]
-    if not any(a.grids and any(b is not a and rows[a.key] & rows[b.key] for b in laws) for a in laws):
-        return []
-    alone = _tests_without(joint, keys, seed, progress)
-    best = with_best_constants(alone, laws, progress)
-    free = FreeConstants(alone.given([*joint.removed, *best], progress), keys)
-    sets = [
-        ([*_exchanged(best, step.other), step.candidate], {step.candidate.key, step.other.key})
-        for step in _missing(joint, free)
-    ]
-    for law in sorted((law for law in joint.laws if law.key in keys), key=lambda law: law.force):
-        loss, other = free.loss_without(law.key)
-        near = [one for one in joint.laws if one.key != law.key]
-        if other is not None and loss <= inexactness_of(law.family, law.rows, near):
-            less_one = [one for one in _exchanged(best, other) if one.key != law.key]
-            sets.append((less_one, {one.key for one in less_one}))
-    out = [(with_best_constants(alone, wanted, progress), frozenset(needed)) for wanted, needed in sets]
-    if fall_of(alone, best) - fall_of(alone, laws) > SELECTION.least_refinement_fall:
-        out.append((best, frozenset(keys)))
-    return out
-
-
-def _exchanged(laws: Sequence[Effect], other: Effect) -> list[Effect]:
-    """The laws with `other` in place of the one of its key."""
-    return [other if law.key == other.key else law for law in laws]
-
-
-def _missing(joint: Joint, free: FreeConstants) -> list[FreeStep]:
-    """Steps with a candidate that is missing beside the laws, by what the simulated runs and inexact laws allow."""
-    tests = {key: test for key, test in joint.space.best_tests.items() if not test.trial.fault}
-    rows = {c.key: c.rows for c in joint.beside if c.key in tests}
-    found: list[FreeStep] = []
-    for step in free.steps(rows.keys()):
-        key, name = step.candidate.key, step.candidate.name
-        p = joint.space.family_wise_of(step.fall, tests[key].null)
-        if p <= SELECTION.level(joint.space.draws) and step.fall > inexactness_of(name, rows[key], joint.laws):
-            found.append(step)
-    return found[: SELECTION.most_free_steps]
+    return beside_of(joint, beside_removed(joint, tests, progress), progress)
 
 
 def _refitted(joint: Joint, laws: Sequence[Effect], seed: int, progress: Progress) -> Joint:
@@ -196,27 +148,6 @@ def _refitted(joint: Joint, laws: Sequence[Effect], seed: int, progress: Progres
     without = less(joint, [effect.key for effect in joint.effects if effect.as_physics is not None])
     wanted = replace(without, added=(*without.added, *laws), dropped=out)
     return fitted_together(wanted, seed, progress)
-
-
-def _tests_without(joint: Joint, keys: Collection[str], seed: int, progress: Progress) -> ScoreTests:
-    """Score tests of the laws beside the present fit without some of its effects, with the floor of that fit.
-
-    Sensor faults are there as far as their tolerances are not in the sheet channel by channel.
-    """
-    linearisation = joint.space.linearisation
-    fitted = linearisation.runs.refittable
-    assert fitted is not None
-    progress(Step(Stage.SHAPE_CONSTANTS, subject=", ".join(keys)))
-    plain = Linearisation.of(fitted.without_effects(keys), linearisation.floor)
-    plain = replace(plain, latencies=linearisation.latencies)
-    there = {"gain", "latency", "drift"}
-    tried = [
-        effect
-        for effect in joint.first.effects.values()
-        if effect.as_physics is not None or effect.sheet_kind not in there or effect in joint.removed
-    ]
-    tests = ScoreTests.of(plain, tried, seed, None, progress)
-    return tests.given(joint.removed, progress) if joint.removed else tests
 
 
 def exchanged(joint: Joint, seed: int, progress: Progress = silent) -> Joint:

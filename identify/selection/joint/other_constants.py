@@ -1,0 +1,89 @@
+"""Sets of laws with other shape constants than those found, to be fitted: with a law more, with one less, or the same.
+
+An effect selected early gets the constants with which it does the work of those that are missing beside it: a bump stop
+without a gap that of a progressive spring, which then explains nothing more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+from lacet.identify.effects.base import Effect
+from lacet.identify.progress import Progress, Stage, Step
+from lacet.identify.selection.columns.candidate_columns import WITHOUT_COLUMN
+from lacet.identify.selection.columns.linearisation import Linearisation
+from lacet.identify.selection.joint.free_constants import FreeConstants, FreeStep
+from lacet.identify.selection.joint.refits import Joint, beside_removed
+from lacet.identify.selection.joint.shape_constants import fall_of, with_best_constants
+from lacet.identify.selection.joint.subset_search import inexactness_of
+from lacet.identify.selection.score_tests import ScoreTests
+from lacet.identify.selection.settings import SELECTION
+
+
+def with_other_constants(
+    joint: Joint, seed: int, progress: Progress
+) -> list[tuple[list[Effect], frozenset[str]]]:  # fmt: skip
+    """Laws in place of those found, with constants searched in one fit; and keys of those that must stand in a new one.
+
+    With other constants of one law another may be missing, or not needed. Only where laws act on common rows: a law
+    alone there has the constants that its own search found.
+    """
+    laws = [effect for effect in joint.effects if effect.as_physics is not None]
+    rows, keys = {law.key: law.rows for law in joint.laws}, [law.key for law in laws]
+    if not any(a.grids and any(b is not a and rows[a.key] & rows[b.key] for b in laws) for a in laws):
+        return []
+    alone = _tests_without(joint, keys, seed, progress)
+    best = with_best_constants(alone, laws, progress)
+    free = FreeConstants(alone.given([*joint.removed, *best], progress), keys)
+    sets = [
+        ([*_exchanged(best, step.other), step.candidate], {step.candidate.key, step.other.key})
+        for step in _missing(joint, free)
+    ]
+    for law in sorted((law for law in joint.laws if law.key in keys), key=lambda law: law.force):
+        loss, other = free.loss_without(law.key)
+        near = [one for one in joint.laws if one.key != law.key]
+        if other is not None and loss <= inexactness_of(law.family, law.rows, near):
+            less_one = [one for one in _exchanged(best, other) if one.key != law.key]
+            sets.append((less_one, {one.key for one in less_one}))
+    out = [(with_best_constants(alone, wanted, progress), frozenset(needed)) for wanted, needed in sets]
+    if fall_of(alone, best) - fall_of(alone, laws) > SELECTION.least_refinement_fall:
+        out.append((best, frozenset(keys)))
+    return out
+
+
+def _exchanged(laws: Sequence[Effect], other: Effect) -> list[Effect]:
+    """The laws with `other` in place of the one of its key."""
+    return [other if law.key == other.key else law for law in laws]
+
+
+def _missing(joint: Joint, free: FreeConstants) -> list[FreeStep]:
+    """Steps with a candidate that is missing beside the laws, by what the simulated runs and inexact laws allow."""
+    tests = {key: test for key, test in joint.space.best_tests.items() if not test.trial.fault}
+    rows = {c.key: c.rows for c in joint.beside if c.key in tests}
+    found: list[FreeStep] = []
+    for step in free.steps(rows.keys()):
+        key, name = step.candidate.key, step.candidate.name
+        p = joint.space.family_wise_of(step.fall, tests[key].null)
+        if p <= SELECTION.level(joint.space.draws) and step.fall > inexactness_of(name, rows[key], joint.laws):
+            found.append(step)
+    return found[: SELECTION.most_free_steps]
+
+
+def _tests_without(joint: Joint, keys: Collection[str], seed: int, progress: Progress) -> ScoreTests:
+    """Score tests of the laws beside the present fit without some of its effects, with the floor of that fit.
+
+    Of sensor faults those are there that stand for a tolerance of their own.
+    """
+    linearisation = joint.space.linearisation
+    fitted = linearisation.runs.refittable
+    assert fitted is not None
+    progress(Step(Stage.SHAPE_CONSTANTS, subject=", ".join(keys)))
+    plain = Linearisation.of(fitted.without_effects(keys), linearisation.floor)
+    plain = replace(plain, latencies=linearisation.latencies)
+    tried = [
+        effect
+        for effect in joint.first.effects.values()
+        if effect.as_physics is not None or effect.sheet_kind not in WITHOUT_COLUMN or effect in joint.removed
+    ]
+    return beside_removed(joint, ScoreTests.of(plain, tried, seed, None, progress), progress)
