@@ -48,7 +48,8 @@ def with_other_constants(
             sets.append((less_one, {one.key for one in less_one}))
     out = [(with_best_constants(alone, wanted, progress), frozenset(needed)) for wanted, needed in sets]
     if fall_of(alone, best) - fall_of(alone, laws) > SELECTION.least_refinement_fall:
-        out.append((best, frozenset(keys)))
+        # A law that is not needed with the new constants of another may fall out of the fit.
+        out.append((best, frozenset(law.key for law, old in zip(best, laws, strict=True) if law.shape != old.shape)))
     return out
 
 

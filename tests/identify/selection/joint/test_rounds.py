@@ -10,14 +10,17 @@ import pytest
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.sums.prepared_runs import recording_without_faults
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection import diagnose
 from lacet.identify.selection.columns.linearisation import Linearisation
+from lacet.identify.selection.joint import other_constants, rounds
+from lacet.identify.selection.joint.alternatives import Alternative
 from lacet.identify.selection.joint.free_constants import FreeConstants
 from lacet.identify.selection.joint.refits import Joint, fitted_together
 from lacet.identify.selection.joint.rounds import improved, with_a_fault
 from lacet.identify.selection.joint.shape_constants import fall_of
 from lacet.identify.selection.joint.subset_search import search
 from lacet.identify.selection.relinearisation import relinearise
-from lacet.identify.selection.rest import added_laws
+from lacet.identify.selection.rest import Rest, added_laws
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from tests.identify.exact_car import KNOWN, driven, fit_of
@@ -27,6 +30,7 @@ from tests.identify.selection.joint.test_subset_search import with_all
 STOP = replace(KNOWN["bump_stop.rear"], shape={"gap": 0.01, "n": 1.0})
 TOO_SOON = replace(STOP, shape={"gap": 0.0, "n": 2.0})
 """The stop with constants that do the work of the spring, too."""
+TOO_LATE = replace(STOP, shape={"gap": 0.02, "n": 1.0})
 BAR = KNOWN["anti_roll_bar.rear"]
 SPRING = KNOWN["spring_quadratic.rear"]
 MISSING = [(STOP, 30000.0), (SPRING, 60000.0), (BAR, 6000.0)]
@@ -71,9 +75,16 @@ def test_gain_and_loss_with_free_constants_are_those_of_the_sets(space: ScoreTes
     # The tests beside the selected effects have other priors of the tolerances than `space`.
     rightly = ScoreTests(space.given(selected).columns.given([]), space.noise)
     assert step.gain == pytest.approx(fall_of(rightly, with_step) - fall_of(rightly, selected), rel=1e-6)
-    loss, other = free.loss_without(BAR.key)
-    less = [other or TOO_SOON]
-    assert loss == pytest.approx(fall_of(rightly, selected) - fall_of(rightly, less), rel=1e-6, abs=1e-6)
+
+
+def test_loss_with_free_constants_is_that_of_the_set_without(space: ScoreTests):
+    selected = [TOO_LATE, SPRING]
+    beside = space.given(selected)
+    loss, other = FreeConstants(beside, [effect.key for effect in selected]).loss_without(SPRING.key)
+    rightly = ScoreTests(beside.columns.given([]), space.noise)
+    assert other is not None
+    assert loss == pytest.approx(fall_of(rightly, selected) - fall_of(rightly, [other]), rel=1e-6)
+    assert loss < fall_of(rightly, selected) - fall_of(rightly, [TOO_LATE])
 
 
 def test_a_spring_that_a_stop_with_wrong_constants_stands_for_is_found(space: ScoreTests):
@@ -85,6 +96,57 @@ def test_a_spring_that_a_stop_with_wrong_constants_stands_for_is_found(space: Sc
     assert {*right.keys} == {STOP.key, BAR.key, SPRING.key}
     assert right.dropped == {GAIN.key}  # a law may stand beside others, a fault that was denied is not tried again
     assert stop.shape["gap"] == pytest.approx(STOP.shape["gap"], abs=0.002)
+
+
+def test_constants_are_searched_again_in_the_fit_with_all(space: ScoreTests):
+    wrong = begun(space, [TOO_LATE, SPRING, BAR])
+    right = improved(wrong, 0)
+    assert right is not None
+    (stop,) = (effect for effect in right.effects if effect.key == STOP.key)
+    assert {*right.keys} == {*wrong.keys}
+    assert stop.shape["gap"] == pytest.approx(STOP.shape["gap"], abs=0.002)
+
+
+@pytest.mark.parametrize("stuck", [False, True])
+def test_a_law_that_right_constants_make_needless_is_dropped(
+    floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch, stuck: bool
+):
+    """Beside a stop with wrong constants a spring stands that the car does not have; also where a search for those of
+    both together changes nothing."""
+    plain = fit_of(driven(with_all([(STOP, 30000.0), (BAR, 6000.0)]), 3))
+    candidates = [replace(KNOWN[effect.key], shape={}) for effect in TRIED]
+    wrong = begun(ScoreTests.of(Linearisation.of(plain, floor), candidates, 0), [TOO_LATE, SPRING, BAR])
+    assert SPRING.key in wrong.keys
+    if stuck:
+        monkeypatch.setattr(other_constants, "with_best_constants", lambda space, laws, progress: list(laws))
+    right = improved(wrong, 0)
+    assert right is not None
+    assert {*right.keys} == {STOP.key, BAR.key}
+
+
+@pytest.mark.parametrize(("share", "exchanged"), [(0.9, False), (0.1, True)])
+def test_what_is_missing_beside_a_law_does_not_take_its_place(
+    space: ScoreTests, monkeypatch: pytest.MonkeyPatch, share: float, exchanged: bool
+):
+    """It explains more than the law, and little of what the law does."""
+    joint = begun(space, [STOP, SPRING, BAR])
+    law = joint.laws[0]
+    other = Alternative(KNOWN["coulomb.front"], -100.0, 1.0, 0.0, share * law.force)
+    monkeypatch.setattr(rounds, "alternatives", lambda space, law: [other])
+    assert rounds._in_place_of(joint, law) == ([other] if exchanged else [])
+
+
+def test_constancy_of_a_removed_latency_is_tested_beside_what_was_found(
+    space: ScoreTests, monkeypatch: pytest.MonkeyPatch
+):
+    joint = begun(space, [STOP, SPRING, BAR])
+    joint = replace(joint, removed=(LATE,), space=joint.space.given([LATE]))
+    tested: list[ScoreTests] = []
+    monkeypatch.setattr(diagnose, "chow_test", lambda tests, c: tested.append(tests))
+    (late,) = (c for c in joint.beside if c.key == LATE.key)
+    assert diagnose._not_constant(joint, Rest.of(joint.space, joint.laws), [late], lambda _: None) == {}
+    assert [tests.fitted for tests in tested] == [joint.space.fitted]
+    assert LATE.key not in tested[0].selected
 
 
 def test_a_search_keeps_what_is_in_the_model_already(space: ScoreTests):
@@ -118,3 +180,7 @@ def test_latencies_beside_what_is_missing_are_nearer_the_truth(fitted: Fit, floo
         return abs(by_channel["imu.accel"] - float(np.mean(others)) - late)
 
     assert error(beside) < 0.5 * error(alone)
+    # Linearised there, they are found to be what was removed.
+    again = relinearise(beside, largest_phase=0.0, beside=(STOP, SPRING, BAR))
+    for entry, seconds in beside.latencies.items():
+        assert again.latencies[entry] == pytest.approx(seconds, abs=5e-4)
