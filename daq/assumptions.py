@@ -13,6 +13,7 @@ from typing import Any
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.errors import nearest
+from lacet.daq.table_tolerances import TABLE_TOLERANCES
 from lacet.daq.toml_reader import Reader
 
 AXLE_OF = {corner: "front" if corner[0] == "f" else "rear" for corner in CORNERS}
@@ -53,8 +54,6 @@ class Assumable:
 
 
 _CLASS = "usual in passenger cars"
-_ANGLES = "K&C rigs: 0.02° of repeatability and 0.02° of hysteresis in 50 mm of travel"
-_PLACES = "K&C rigs: 0.1 mm of repeatability and 0.2 mm of hysteresis in 50 mm of travel"
 ASSUMABLE: dict[str, Assumable] = {
     "loaded_radius": Assumable(
         "m", None, 0.010, "axle", "height of the wheel centre above the contact patch, under load",
@@ -167,23 +166,7 @@ ASSUMABLE: dict[str, Assumable] = {
     "pitch_inertia": Assumable(
         "kg·m²", None, 100.0, "car", "moment of inertia of the sprung mass about the body's y axis (YY6)", "", True,
     ),
-    "table_half_track": Assumable(
-        "-", 0.0, 0.005, "corner", "half track per travel beyond the bench table, outwards", _PLACES,
-    ),
-    "table_half_wheelbase": Assumable(
-        "-", 0.0, 0.005, "corner", "half wheelbase per travel beyond the bench table, forwards", _PLACES,
-    ),
-    "table_toe": Assumable("rad/m", 0.0, 0.01, "corner", "toe-in per travel beyond the bench table", _ANGLES),
-    "table_camber": Assumable(
-        "rad/m", 0.0, 0.01, "corner", "camber per travel beyond the bench table, top outwards", _ANGLES,
-    ),
-    "table_pitch": Assumable(
-        "rad/m", 0.0, 0.01, "corner", "pitch of the carrier per travel beyond the bench table, nose down", _ANGLES,
-    ),
-    "table_compliance": Assumable(
-        "-", 1.0, 0.1, "corner", "compliance ÷ that of the bench table",
-        "rubber: friction and temperature change its stiffness by 10 %",
-    ),
+    **{key: Assumable(*row) for key, row in TABLE_TOLERANCES.items()},
 }  # fmt: skip
 """Every value that may be assumed, by key."""
 SETS_SCALE = tuple(key for key, one in ASSUMABLE.items() if one.sets_scale)

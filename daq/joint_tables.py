@@ -46,6 +46,10 @@ class JointCurve:
 
         return CubicSpline(self.at, self.values, bc_type="natural" if len(self.at) > 2 else "not-a-knot")
 
+    @cached_property
+    def _at_zero(self) -> Array:
+        return np.asarray(self._spline(0.0), float)
+
     def value(self, x: Array, derivative: int = 0) -> Array:
         """(…, 5) the joints at `x` [m] less those at 0, or their first or second derivative by x.
 
@@ -58,8 +62,10 @@ class JointCurve:
             return out * (x == inside)[..., None]
         if derivative:
             return out
-        slope = np.asarray(self._spline(inside, 1), float)
-        return out - np.asarray(self._spline(0.0), float) + slope * (x - inside)[..., None]
+        out -= self._at_zero
+        if np.any(beyond := x != inside):
+            out[beyond] += np.asarray(self._spline(inside[beyond], 1), float) * (x - inside)[beyond][..., None]
+        return out
 
 
 @dataclass(frozen=True)

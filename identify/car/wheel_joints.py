@@ -17,6 +17,7 @@ import numpy as np
 from lacet.daq.joint_tables import TOE, JointCurve, JointTables
 from lacet.daq.vehicle import Corner
 from lacet.identify.car.car_tree import kinematics, kingpin_pitch, table_signs
+from lacet.identify.car.table_errors import SlopeErrors
 from lacet.identify.multibody.vectors import Array
 
 Course = tuple[Array, Array, Array]
@@ -50,22 +51,22 @@ class WheelJoints:
 
 def wheel_joints(
     corner: Corner, own: Course, other: Course | None, steer: Course, given: Array | None = None,
-    errors: Array | None = None,
+    errors: SlopeErrors | None = None,
 ) -> WheelJoints:  # fmt: skip
     """The joints of a corner along the travels [m] of its wheel and of the axle's `other` one, and its steer [rad].
 
     `other` is needed where the wheel follows the other one (`Corner.follows_other`). `given` : (5, N) changes of the
-    joints by loads, `errors` : (5, N) what their slopes by the own travel are beyond the tables; in the signs of these.
+    joints by loads, `errors` : what their slopes are beyond the tables; in the signs of these.
     """
     if corner.joints is None:
         return _by_bump_table(corner, own, steer, errors)
     return _by_joint_tables(corner, corner.joints, own, other, steer, given, errors)
 
 
-def _by_bump_table(corner: Corner, own: Course, steer: Course, errors: Array | None) -> WheelJoints:
+def _by_bump_table(corner: Corner, own: Course, steer: Course, errors: SlopeErrors | None) -> WheelJoints:
     travel, speed, accel = own
     table = kinematics(corner, travel)
-    beyond = np.zeros((5, 1)) if errors is None else table_signs(corner) * errors
+    beyond = np.zeros((5, 1)) if errors is None else table_signs(corner) * errors.own
     change, slope = table.change + beyond * travel, table.slope + beyond
 
     def tabled(k: int, offset: float) -> Course:
@@ -85,12 +86,12 @@ def _kingpin(corner: Corner, steer: Course) -> Course:
 
 def _by_joint_tables(
     corner: Corner, tables: JointTables, own: Course, other: Course | None, steer: Course, given: Array | None,
-    errors: Array | None,
+    errors: SlopeErrors | None,
 ) -> WheelJoints:  # fmt: skip
     signs = table_signs(corner)
     joints, by_own = _along(tables.own, own)
     if errors is not None:
-        joints, by_own = _sum(joints, (errors * own[0], errors * own[1], errors * own[2])), by_own + errors
+        joints, by_own = _sum(joints, _line(errors.own, own)), by_own + errors.own
     if given is not None:
         joints = (joints[0] + given, joints[1], joints[2])
     by_other: Array | None = None
@@ -101,14 +102,20 @@ def _by_joint_tables(
         joints = _sum(joints, _product(tables.product[:, None], own, other))
         by_own = by_own + tables.product[:, None] * other[0]
         by_other = (0.0 if by_other is None else by_other) + tables.product[:, None] * own[0]
+        if errors is not None:
+            joints, by_other = _sum(joints, _line(errors.other, other)), by_other + errors.other
     kingpin = _kingpin(corner, steer)
     if tables.rack is not None and tables.steered:
         # Toe of the rack: the measured one less what both travels and the loads give.
         toe = tuple(-corner.side * part - joint[TOE] for part, joint in zip(steer, joints, strict=True))
         lever = tuple(tables.rack_product[TOE] * part for part in own)
+        if errors is not None:
+            lever = (lever[0] + errors.rack[TOE], *lever[1:])
         rack = _rack(tables.rack, (toe[0] - corner.static_toe, toe[1], toe[2]), lever)
         turned, _ = _along(tables.rack, rack)
         joints = _sum(_sum(joints, turned), _product(tables.rack_product[:, None], own, rack))
+        if errors is not None:
+            joints = _sum(joints, _line(errors.rack, rack))
         by_own = by_own + tables.rack_product[:, None] * rack[0]
         zero = np.zeros_like(steer[0])
         kingpin = zero, zero, zero
@@ -130,6 +137,11 @@ def _product(factor: Array, a: Course, b: Course) -> Course:
     """Course of factor × a × b, (5, N)."""
     rate = a[1] * b[0] + a[0] * b[1]
     return factor * a[0] * b[0], factor * rate, factor * (a[2] * b[0] + 2.0 * a[1] * b[1] + a[0] * b[2])
+
+
+def _line(slope: Array, x: Course) -> Course:
+    """Course of slope × x, (5, N), the slope a constant."""
+    return slope * x[0], slope * x[1], slope * x[2]
 
 
 def _sum(a: Course, b: Course) -> Course:

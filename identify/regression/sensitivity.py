@@ -7,7 +7,7 @@ multiplications: sensor zeros, gains and latencies become columns, and the noise
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,7 +20,8 @@ from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.measured_rows import MeasuredRows
 from lacet.identify.car.motion import Motion
 from lacet.identify.car.rows import Row
-from lacet.identify.effects.base import PhysicalEffect, SensorFault, free_parameters, with_places
+from lacet.identify.car.table_errors import corners_of
+from lacet.identify.effects.base import AXLES, PhysicalEffect, SensorFault, free_parameters, with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import derivative
 from lacet.identify.signals.noise_draws import draw_noise, draw_noises
@@ -282,14 +283,30 @@ def _by_assumptions(
 
 def _by_tables(recording: Recording, effects: Sequence[PhysicalEffect], theta: Array) -> dict[Input, dict[Row, Array]]:
     """Slopes of the residual by errors of bench tables, interpolated from instants that hold the pre-filter's band."""
-    inputs = [(one.name, 0, _ASSUMED) for one in recording.tables]
+    names = [one.name for one in recording.tables]
+    # What an axle has in common does what its corners' errors do together.
+    sums = {name: parts for name in names if (parts := corners_of(name)) and set(parts) <= set(names)}
+    inputs = [(name, 0, _ASSUMED) for name in names if name not in sums]
     filters = recording.filters
     step = 1 if filters.pre_cutoff is None else max(1, round(filters.rate / (_PER_PERIOD * filters.pre_cutoff)))
     some = recording.at(slice(None, None, step))
+    found = _by_inputs(some, effects, theta, inputs)
+    for name, parts in sums.items():
+        found[name, 0, _ASSUMED] = _sum([found.get((part, 0, _ASSUMED), {}) for part in parts])
     return {
         key: {row: slope if slope.size == 1 else np.interp(recording.t, some.t, slope) for row, slope in rows.items()}
-        for key, rows in _by_inputs(some, effects, theta, inputs).items()
+        for key, rows in found.items()
+        if rows
     }
+
+
+def _sum(parts: Iterable[Mapping[Row, Array]]) -> dict[Row, Array]:
+    """Sums of the slopes of each row."""
+    out: dict[Row, Array] = {}
+    for rows in parts:
+        for row, slope in rows.items():
+            out[row] = out[row] + slope if row in out else slope
+    return out
 
 
 def _by_inputs(
@@ -381,7 +398,7 @@ def _scale(recording: Recording, one: Input) -> float:
 
 
 def _groups(recording: Recording, inputs: Sequence[Input], most: int) -> list[tuple[str, list[Input]]]:
-    """Groups of at most `most` inputs, each with the corner whose channels or tables they are, or "" for none."""
+    """Groups of at most `most` inputs, each with the corner or axle whose channels or tables they are, or ""."""
     by_corner: dict[str, list[Input]] = {}
     tables = {one.name for one in recording.tables}
     for one in inputs:
@@ -401,7 +418,11 @@ def _groups(recording: Recording, inputs: Sequence[Input], most: int) -> list[tu
 
 
 def _moved_by(corner: str, vehicle: Vehicle) -> tuple[str, ...]:
-    """Corners whose motion depends on a corner's channels: the axle's other one too if this one moves it."""
+    """Corners whose motion depends on a corner's channels: the axle's other one too if this one moves it; of an axle's
+    tables both.
+    """
+    if corner in AXLES:
+        return AXLES[corner]
     other = other_corner(corner)
     return (corner, other) if vehicle.corners[other].depends_on_other else (corner,)
 

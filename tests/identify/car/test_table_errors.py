@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from functools import cache
 
 import numpy as np
 import pytest
 
+from lacet.daq.assumptions import AXLE_OF
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.compliance import JOINTS
 from lacet.daq.joint_tables import JointCurve, JointTables
 from lacet.daq.rig import Rig, Sensor
+from lacet.daq.table_tolerances import COMPLIANCE, CURVES, table_key
 from lacet.daq.vehicle import Corner, Vehicle
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.sources.completion import completed
-from lacet.identify.car.table_errors import COMPLIANCE, SLOPES, table_assumptions
+from lacet.identify.car.table_errors import table_assumptions
+from lacet.identify.effects.base import AXLES
 from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -32,24 +36,41 @@ PLAIN, RIG = cars.reference_car()
 FILTERS = Filters(rate=100.0, pre_cutoff=None)
 
 
-def moved(vehicle: Vehicle, slopes: dict[str, np.ndarray]) -> Vehicle:
-    """The vehicle whose tables have slopes by the own travel that are higher by (5,) at these corners."""
+Slopes = dict[str, dict[str, np.ndarray]]
+"""Corner → suffix of the curve (`CURVES`) → (5,) errors of the slopes."""
+
+
+def moved(vehicle: Vehicle, slopes: Slopes) -> Vehicle:
+    """The vehicle whose tables have slopes that are higher by these errors."""
     return replace(vehicle, corners={c: _moved(one, slopes.get(c)) for c, one in vehicle.corners.items()})
 
 
-def _moved(corner: Corner, slope: np.ndarray | None) -> Corner:
-    if slope is None:
+def _moved(corner: Corner, slopes: dict[str, np.ndarray] | None) -> Corner:
+    if slopes is None:
         return corner
     if corner.joints is not None:
-        own = corner.joints.own
-        curve = JointCurve(own.at, own.values + np.outer(own.at, slope))
-        tables: JointTables = replace(corner.joints, own=curve)
+        curves = {}
+        for suffix, name in (("", "own"), ("_other", "other"), ("_rack", "rack")):
+            if (given := getattr(corner.joints, name)) is not None and suffix in slopes:
+                curves[name] = JointCurve(given.at, given.values + np.outer(given.at, slopes[suffix]))
+        tables: JointTables = replace(corner.joints, **curves)  # type: ignore[arg-type]
         return replace(corner, joints=tables)
     assert corner.table is not None
     columns = {
-        name: getattr(corner.table, name) + e * corner.table.travel for name, e in zip(JOINTS, slope, strict=True)
+        name: getattr(corner.table, name) + e * corner.table.travel for name, e in zip(JOINTS, slopes[""], strict=True)
     }
     return replace(corner, table=replace(corner.table, **columns))
+
+
+def slopes_of(errors: dict[str, float]) -> Slopes:
+    """The slopes that errors by name make: those of the corner and those that its axle has in common."""
+    found = {c: {curve: np.zeros(5) for curve in CURVES} for c in CORNERS}
+    for c in CORNERS:
+        for curve in CURVES:
+            for k, joint in enumerate(JOINTS):
+                key = table_key(joint, curve)
+                found[c][curve][k] = errors.get(f"{key}.{c}", 0.0) + errors.get(f"{key}_axle.{AXLE_OF[c]}", 0.0)
+    return found
 
 
 def with_errors(recording: Recording, errors: dict[str, float]) -> Recording:
@@ -60,13 +81,12 @@ def with_errors(recording: Recording, errors: dict[str, float]) -> Recording:
 
 @pytest.mark.parametrize("vehicle", [cars.with_tables(PLAIN), cars.with_joints(PLAIN)], ids=["bump", "joints"])
 def test_an_error_of_a_slope_is_a_table_with_another_slope(vehicle: Vehicle) -> None:
-    """Every part of the motion at every corner, with errors at each corner at once."""
+    """Every part of the motion at every corner, with errors of each curve, each corner and each axle at once."""
     rng = np.random.default_rng(3)
-    slopes = {c: rng.normal(0.0, 0.05, 5) for c in CORNERS}
     record = completed(cars.recording(cars.random_signals(3), vehicle, RIG))
-    errors = {f"{key}.{c}": e for c in CORNERS for key, e in zip(SLOPES, slopes[c].tolist(), strict=True)}
+    errors = {one.name: float(rng.normal(0.0, 0.05)) for one in record.tables}
     found = build_motion(with_errors(record, errors))
-    right = build_motion(cars.recording(cars.random_signals(3), moved(vehicle, slopes), RIG))
+    right = build_motion(cars.recording(cars.random_signals(3), moved(vehicle, slopes_of(errors)), RIG))
     off = build_motion(record)
     for c in CORNERS:
         for part in fields(right.corners[c]):
@@ -76,10 +96,24 @@ def test_an_error_of_a_slope_is_a_table_with_another_slope(vehicle: Vehicle) -> 
         assert np.max(np.abs(off.corners[c].dphi_ds - right.corners[c].dphi_ds)) > 0.01
 
 
+@pytest.mark.parametrize("curve", ["_other", "_rack"])
+def test_each_curve_moves_the_wheel(curve: str) -> None:
+    """An error of the axle's part, alone: the wheel centres are where the car with another curve has them."""
+    vehicle = cars.with_joints(PLAIN)
+    record = completed(cars.recording(cars.random_signals(6), vehicle, RIG))
+    errors = {f"table_half_track{curve}_axle.front": 0.02, f"table_toe{curve}_axle.front": 0.3}
+    found, off = (build_motion(one) for one in (with_errors(record, errors), record))
+    right = build_motion(cars.recording(cars.random_signals(6), moved(vehicle, slopes_of(errors)), RIG))
+    for c in ("fl", "fr"):
+        np.testing.assert_allclose(found.corners[c].centre, right.corners[c].centre, atol=1e-12)
+        assert np.max(np.abs(found.corners[c].centre - off.corners[c].centre)) > 1e-4
+
+
 def test_an_error_of_the_compliance_is_a_table_with_another_one() -> None:
     """Wheel centre and attitude under load."""
     record = completed(cars.recording(cars.random_signals(4), WITH_COMPLIANCE, RIG))
-    found = build_motion(with_errors(record, {f"{COMPLIANCE}.{c}": 1.3 for c in CORNERS}))
+    given = {f"{COMPLIANCE}.{c}": 1.2 for c in CORNERS} | {f"{COMPLIANCE}_axle.{axle}": 0.1 for axle in AXLES}
+    found = build_motion(with_errors(record, given))
 
     def scaled(corner: Corner) -> Corner:
         assert corner.joints is not None
@@ -96,12 +130,23 @@ def test_an_error_of_the_compliance_is_a_table_with_another_one() -> None:
 
 
 def test_what_is_assumed_of_tables() -> None:
-    """Slopes where there is a table, compliance where it has one, and what the vehicle file gives without a table."""
-    assert not table_assumptions(PLAIN)
-    assert {one.name for one in table_assumptions(cars.with_joints(PLAIN))} == {
-        f"{key}.{c}" for key in SLOPES for c in CORNERS
-    }
-    assert {one.name.partition(".")[0] for one in table_assumptions(WITH_COMPLIANCE)} == {*SLOPES, COMPLIANCE}
+    """Slopes of each curve where there is one, compliance where it has one, and what the vehicle file gives."""
+
+    def names(vehicle: Vehicle) -> set[str]:
+        return {one.name for one in table_assumptions(vehicle)}
+
+    def expected(curve: str, places: Sequence[str], axles: Sequence[str]) -> set[str]:
+        keys = [table_key(joint, curve) for joint in JOINTS]
+        return {f"{key}.{c}" for key in keys for c in places} | {f"{key}_axle.{a}" for key in keys for a in axles}
+
+    both = ("front", "rear")
+    assert not names(PLAIN)
+    assert names(cars.with_tables(PLAIN)) == expected("", CORNERS, both)
+    assert names(cars.with_joints(PLAIN)) == {
+        *expected("", CORNERS, both), *expected("_other", CORNERS, both), *expected("_rack", ("fl", "fr"), ("front",)),
+    }  # fmt: skip
+    with_compliance = names(WITH_COMPLIANCE) - names(cars.with_joints(PLAIN))
+    assert with_compliance == {*(f"{COMPLIANCE}.{c}" for c in CORNERS), *(f"{COMPLIANCE}_axle.{axle}" for axle in both)}
     stated = '\n[assumed]\ntable_camber.rear = { value = 0.4, tolerance = 0.1, unit = "rad/m", source = "drawing" }\n'
     given = Vehicle.parse(PLAIN.text + stated)
     assert {(one.name, one.value, one.tolerance) for one in table_assumptions(given)} == {
@@ -116,7 +161,7 @@ def test_what_is_assumed_of_tables() -> None:
     bare = replace(table, **dict.fromkeys(JOINTS, 0.0 * table.travel))
     corners = {c: replace(one, table=bare) if c[0] == "r" else one for c, one in PLAIN.corners.items()}
     right = build_motion(
-        cars.recording(signals, moved(replace(PLAIN, corners=corners), {"rl": slope, "rr": slope}), RIG)
+        cars.recording(signals, moved(replace(PLAIN, corners=corners), {"rl": {"": slope}, "rr": {"": slope}}), RIG)
     )
     for c in CORNERS:
         np.testing.assert_allclose(found.corners[c].dphi_ds, right.corners[c].dphi_ds, atol=1e-12)
@@ -162,7 +207,13 @@ def test_columns_of_the_sheet_are_changes_of_the_residual() -> None:
     record, model, theta = exact()
     run = PreparedRun(record)
     found = sheet_responses(run, Sensitivity.of(record, model.physics, theta))
-    for name in ("table_camber.rl", "table_half_track.fl", "table_pitch.rr"):
+    for name in (
+        "table_camber.rl",
+        "table_half_track.fl",
+        "table_pitch_other.rr",
+        "table_toe_rack.fl",
+        "table_camber_axle.rear",
+    ):
         tolerance = record.assumptions[name].tolerance
         after = residual(build_motion(with_errors(record, {name: tolerance})), model.physics, theta)
         right = run.decimated(after)  # before it is zero
@@ -180,12 +231,13 @@ def test_intervals_with_sheet_hold_tables_that_are_wrong() -> None:
     squares: list[np.ndarray] = []
     for _ in range(6):
         drawn = {one.name: float(rng.normal(one.value, one.tolerance)) for one in record.tables}
-        slopes = {c: np.array([drawn[f"{key}.{c}"] for key in SLOPES]) for c in CORNERS}
+        slopes = slopes_of(drawn)
         signals = replace(record.signals, assumed={})
         car = replace(record, vehicle=moved(record.vehicle, slopes), tables=(), signals=signals)
         loads = cars.fulfil(car, model.physics, theta).signals.value
         found = fitted(record.with_signals(replace(record.signals, value=loads)))
         squares.append((found.theta[at] - right.theta[at]) ** 2 / np.diag(found.covariance_sheet)[at])
     every = np.concatenate(squares)
-    assert 0.92 < np.mean(every < TWO_SIDED_95**2) < 0.99
-    assert 0.7 < np.mean(every) < 1.4
+    # The mean of thirty draws is 1.2, each draw's about 1 off: few errors of axles make most of it.
+    assert 0.85 < np.mean(every < TWO_SIDED_95**2) < 0.99
+    assert 0.5 < np.mean(every) < 1.8
