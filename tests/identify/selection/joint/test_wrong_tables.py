@@ -10,7 +10,6 @@ import pytest
 from lacet.daq.compliance import JOINTS
 from lacet.daq.joint_tables import JointCurve, JointTables
 from lacet.daq.vehicle import Corner, Vehicle
-from lacet.identify.car.sources.completion import completed
 from lacet.identify.effects.suspension.anti_roll_bar import AntiRollBar
 from lacet.identify.effects.suspension.bench_table import CamberTable, ToeTable
 from lacet.identify.effects.suspension.centre_slopes import Jacking
@@ -47,7 +46,10 @@ VEHICLE = replace(PLAIN, corners={c: straight(one) if c[0] == "r" else one for c
 
 
 def drive(rolling: float) -> Recording:
-    """A drive with noise: the rear rolls with the lateral acceleration, `rolling` of it, and heaves as it may."""
+    """A drive with noise: the rear rolls with the lateral acceleration, `rolling` of it, and heaves as it may.
+
+    The tables have no tolerance, which would be a part of the intervals.
+    """
     t = np.arange(1000) / FILTERS.rate
     curves = cars.drive_curves(np.random.default_rng(21))
     signals = cars.exact_signals(curves, t)
@@ -59,7 +61,7 @@ def drive(rolling: float) -> Recording:
         heave, roll = 0.5 * (left + right), 0.5 * (left - right)
         roll = rolling * 0.006 * curves["imu.accel"].at(t, order)[1:2] + (1.0 - rolling) * roll
         part["laser.rl.hub"], part["laser.rr.hub"] = heave + roll, heave - roll
-    record = completed(cars.recording(replace(signals, **parts), VEHICLE, RIG, FILTERS))
+    record = cars.recording(replace(signals, **parts), VEHICLE, RIG, FILTERS)
     record = cars.fulfil(record, MODEL.physics, np.append(exact_car.theta(), 1000.0))
     noise = draw_noise(record, record.signals.value, np.random.default_rng(22))
     values = {name: a + noise[name] for name, a in record.signals.value.items()}
