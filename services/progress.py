@@ -101,14 +101,18 @@ class JobPlan:
     further: Mapping[AnyStage, tuple[Stretch, ...]] = field(default_factory=dict[AnyStage, tuple[Stretch, ...]])
 
 
+TRIAL = 0
+"""Number of a version that is fitted to see what one more effect does, and is not recorded."""
+
+
 @dataclass(frozen=True)
 class ServiceStep(AnyStep):
     """A step with its place in a study or a reproduction.
 
     Attributes
     ----------
-    effects : effects of the model being fitted, beyond the base model.
-    version : number of the study's version, 0 for one not recorded yet; None outside a study.
+    effects : effects of the model that is fitted or compared, beyond the base model, in the order they were added.
+    version : number of the study's version, `TRIAL` for one that is not recorded; None outside a study.
     campaign : name of the campaign being reproduced, or empty.
     plan : of the stage `PLANNED`, what the job will do from here on.
     """
@@ -119,9 +123,9 @@ class ServiceStep(AnyStep):
     plan: JobPlan | None = None
 
     @classmethod
-    def of_version(cls, step: AnyStep, version: int) -> ServiceStep:
+    def of_version(cls, step: AnyStep, version: int, effects: Iterable[str]) -> ServiceStep:
         """A step of a computation for a version of a study."""
-        return cls(step.stage, step.done, step.total, step.subject, step.values, version=version)
+        return cls(step.stage, step.done, step.total, step.subject, step.values, tuple(effects), version)
 
 
 def planned(

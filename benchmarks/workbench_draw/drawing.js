@@ -7,6 +7,7 @@ async ({ charts, each, height, channels }) => {
   const root = document.createElement("div");
   root.style.cssText = "position:fixed;inset:0;overflow:auto;background:var(--panel);z-index:99";
   document.body.append(root);
+  const MOVES = 6; // of the mouse in a drag, one a frame
   const frame = () => new Promise((done) => requestAnimationFrame(done));
   const plots = () => [...root.querySelectorAll(".chart-plot")];
   const sight = () => plots().filter((p) => {
@@ -40,24 +41,29 @@ async ({ charts, each, height, channels }) => {
     return drawn;
   }
 
-  const over = () => sight()[0].querySelector(".u-over");
+  let hand = null; // the plot that the mouse is over, and its box
+  function point() {
+    const target = sight()[0].querySelector(".u-over");
+    hand = { target, box: target.getBoundingClientRect() };
+  }
   function mouse(type, part, more = {}) {
-    const [target, box] = [over(), over().getBoundingClientRect()];
+    const { target, box } = hand;
     target.dispatchEvent(new MouseEvent(type, { bubbles: true, cancelable: true, view: window, button: 0, movementX: 1,
       clientX: box.left + part * box.width, clientY: box.top + 0.5 * box.height, ...more }));
   }
   function wheel(deltaY, shiftKey) {
-    const [target, box] = [over(), over().getBoundingClientRect()];
+    const { target, box } = hand;
     target.dispatchEvent(new WheelEvent("wheel", { bubbles: true, cancelable: true, deltaY, shiftKey,
       clientX: box.left + 0.4 * box.width, clientY: box.top + 0.5 * box.height }));
   }
-  /** Draws a frame over a part of the window; the time begins when the button is let go. */
+  /** Draws a frame over a part of the window, in 100 ms as a quick hand; the time begins when the button is let go. */
   async function drag(from, part, seconds) {
     mouse("mousemove", from);
     mouse("mousedown", from);
-    mouse("mousemove", from + part);
-    await frame();
-    await frame(); // the cursor has moved
+    for (let k = 1; k <= MOVES; k += 1) {
+      mouse("mousemove", from + (k / MOVES) * part);
+      await frame();
+    }
     const drawn = await timed(() => mouse("mouseup", from + part));
     const [a, b] = link("benchmark").shown;
     if (Math.abs(b - a - seconds) > 0.1 * seconds) throw new Error(`${b - a} s are shown, not ${seconds} s`);
@@ -109,7 +115,11 @@ async ({ charts, each, height, channels }) => {
       ];
       return actions.map(([name]) => name);
     },
-    act: (number) => actions[number][1](),
+    async act(number) {
+      point();
+      await frame();
+      return actions[number][1]();
+    },
     /** Scrolls to the last plot; until it is drawn. */
     async scroll() {
       const start = performance.now();

@@ -115,7 +115,7 @@ class EstimatedForces:
 
     def __repr__(self) -> str:
         said = ", ".join(
-            f"{name} ± {np.nanmean(force.half95):.0f} N"
+            f"{name} ± {float(f'{np.nanmean(force.half95):.2g}'):g} N"
             for name, force in self.forces.items()
             if force.determined.any()
         )

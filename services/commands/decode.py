@@ -88,6 +88,7 @@ def _capture(args: argparse.Namespace) -> Iterator[Path]:
     if args.rig is None:
         raise UsageError(f"{args.raw}: a bus log says nothing of sensors; give the rig that describes them: --rig FILE")
     made = args.output.with_name(args.output.name + ".capture")
+    made.parent.mkdir(parents=True, exist_ok=True)
     try:
         capture_of(args.raw, Rig.load(args.rig), made, args.buses)
         yield made

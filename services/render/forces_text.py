@@ -26,7 +26,7 @@ def forces_table(estimated: EstimatedForces, errors: Mapping[str, ForceError]) -
             continue
         mean, half = float(np.nanmean(force.value)), float(np.nanmean(force.half95))
         line = [name, to_interval(mean, half), half_width(half)]
-        line += [f"{force.parts.get(source, 0.0):.0f}" for source in sources]
+        line += [half_width(force.parts.get(source, 0.0)) for source in sources]
         lines.append([*line, *_error(errors.get(name))] if errors else line)
     return table(head, lines)
 
@@ -34,7 +34,7 @@ def forces_table(estimated: EstimatedForces, errors: Mapping[str, ForceError]) -
 def _error(error: ForceError | None) -> list[str]:
     if error is None:
         return ["", "", ""]
-    return [f"{error.rms:.0f}", f"{error.floors:.2f}", f"{100.0 * error.inside:.0f} %"]
+    return [f"{error.rms:.3g}", f"{error.floors:.2f}", f"{100.0 * error.inside:.0f} %"]
 
 
 def not_determined(estimated: EstimatedForces) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from lacet.identify.progress import Stage
-from lacet.services.progress import AnyStage, AnyStep, Progress, ServiceStage, ServiceStep
+from lacet.services.progress import TRIAL, AnyStage, AnyStep, Progress, ServiceStage, ServiceStep
 
 _COUNTED: dict[AnyStage, str] = {
     Stage.NOISE_FLOOR: "simulating the noise floor",
@@ -109,13 +109,13 @@ def _sentence(step: AnyStep, version: int | None = None, effects: Sequence[str] 
             constants = ", ".join(f"{name} = {value:g}" for name, value in step.values.items())
             return f"fitting with {constants}" if constants else "fitting"
         case ServiceStage.FITTING:
-            return f"fitting version {version or 'new'}: {', '.join(effects) or 'the base model alone'}"
+            added = "" if version == TRIAL else f" ({', '.join(effects) or 'the base model alone'})"
+            return f"fitting {_model(version, effects)}{added}"
         case Stage.NOISE_CORRECTION:
-            what = "fitting" if version is None else f"fitting version {version or 'new'}"
+            what = "fitting" if version is None else f"fitting {_model(version, effects)}"
             return f"{what}: {step.done} of {step.total} runs"
         case ServiceStage.COMPARING:
-            beside = f" with {step.subject}" if step.subject else ""
-            return f"comparing version {version or 'new'}{beside}"
+            return f"comparing {step.subject or 'the runs'} with {_model(version, effects)}"
         case Stage.LATENCIES:
             return f"reading the runs with {_latencies(step)}"
         case Stage.FLOOR_AT_LATENCIES:
@@ -134,6 +134,13 @@ def _sentence(step: AnyStep, version: int | None = None, effects: Sequence[str] 
             return _PLAIN[step.stage]
         case _:
             return _FILLED[step.stage].format(subject=step.subject, done=step.done, total=step.total)
+
+
+def _model(version: int | None, effects: Sequence[str]) -> str:
+    """Name of a study's model: of a trial the effect that it adds, which is its last."""
+    if version is None:
+        return "the model"
+    return f"version {version}" if version != TRIAL else f"the model with {', '.join(effects[-1:])} added"
 
 
 def _latencies(step: AnyStep) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from lacet.daq.channels import CHANNELS, CORNERS
-from lacet.identify.car.rows import Absence, Row, RowAbsence, instead, least, needs
+from lacet.identify.car.rows import ROWS, Absence, Row, RowAbsence, instead, least, needs
 from lacet.identify.signals.sources import Method
 from lacet.identify.validation.row_sources import RowKind, RowSource
 from lacet.services.render.intervals import half_width
@@ -52,6 +52,33 @@ def shortened(channels: Iterable[str]) -> list[str]:
         patterns.setdefault(name if corner is None else name.replace(f".{corner}.", ".*."), []).append(name)
     parts = ([key] if len(names) == len(CORNERS) else names for key, names in patterns.items())
     return [name for part in parts for name in part]
+
+
+def rows_lacking(lacks: Mapping[Row, Sequence[str]]) -> str:
+    """Rows that cannot be formed and the channels that would form them, in one sentence.
+
+    Parameters
+    ----------
+    lacks : row → channels that it lacks; of a kind all of whose rows are there, only the kind is named.
+    """
+    rows: dict[str, list[str]] = {}
+    for row in lacks:
+        rows.setdefault(row.partition(".")[0], []).append(row)
+    whole = [kind for kind, found in rows.items() if len(found) == sum(one.startswith(f"{kind}.") for one in ROWS)]
+    single = [row for kind, found in rows.items() if kind not in whole for row in found]
+    named = [f"all {_listed(whole)} rows"] * bool(whole) + [", ".join(single)] * bool(single)
+    channels = shortened(dict.fromkeys(channel for found in lacks.values() for channel in found))
+    more = len(channels) - _MOST_CHANNELS
+    needed = [*channels[:_MOST_CHANNELS], f"{more} more channels"] if more > 1 else channels
+    return f"cannot be formed: {' and '.join(named)}; not recorded: {_listed(needed)}"
+
+
+_MOST_CHANNELS = 4
+"""Largest number of channels named in a sentence about a run."""
+
+
+def _listed(words: Sequence[str]) -> str:
+    return " and ".join([", ".join(words[:-1])] * (len(words) > 1) + [*words[-1:]])
 
 
 def to_add(row: Row, absence: RowAbsence | None) -> str:

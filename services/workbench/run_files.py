@@ -23,7 +23,7 @@ from lacet.daq.formats.run_files import first_files
 from lacet.daq.maps.mapped_run import map_beside
 from lacet.daq.run import Run
 from lacet.identify.car.rows import ROWS, lacking
-from lacet.services.render.row_sources import shortened
+from lacet.services.render.row_sources import rows_lacking
 from lacet.services.workbench.jobs import give_back
 from lacet.services.workbench.run_channels import RunChannels, state_key
 from lacet.services.workbench.session_cache import SessionCache
@@ -245,10 +245,8 @@ def summary(path: Path, kept: RunChannels) -> dict[str, Any]:
                if c["samples"] and c["flagged"] > 0.001 * c["samples"]]  # fmt: skip
     if flagged:
         says.append(f"samples that cannot be used: {', '.join(flagged)}")
-    if left_out := [row for row, c in absent.items() if c]:
-        first = left_out[0]
-        needed = ", ".join(shortened(absent[first]))
-        says.append(f"rows that cannot be formed: {', '.join(left_out)} ({first} lacks {needed})")
+    if lacks := {row: c for row, c in absent.items() if c}:
+        says.append(rows_lacking(lacks))
     bad = bool(run.problems or losses or flagged)
     return plain(
         {

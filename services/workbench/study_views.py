@@ -200,7 +200,7 @@ def parameters_payload(study: Study, number: int | None) -> dict[str, Any]:
     for older in line[:-1]:
         for p in older.result["parameters"]:
             before.setdefault(p["name"], []).append(
-                {"version": older.number, "value": p["value"], "half95": p["half95"]}
+                {"version": older.number, **{key: p.get(key) for key in ("value", "half95", "half95_sheet")}}
             )
     return plain(
         {

@@ -36,7 +36,7 @@ def decode_log(
 
     Parameters
     ----------
-    raw, output : the log read, and the one written; an existing file is replaced.
+    raw, output : the log read, and the one written; an existing file is replaced, a missing folder made.
     rig, documents : files to use instead of those recorded.
     progress : receives the per cent done.
     own : drivers of the user's own, which have been trusted.
@@ -51,6 +51,7 @@ def decode_log(
     part = output.with_name(output.name + ".part")
     between = _between(reader, limits) if limits else None
     known: Late = {}
+    output.parent.mkdir(parents=True, exist_ok=True)
     try:
         while True:
             damage = len(reader.damage)

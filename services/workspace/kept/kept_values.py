@@ -13,6 +13,7 @@ from lacet.daq.errors import UsageError, nearest
 from lacet.identify.car.manoeuvre_phases import Phases, phases_of
 from lacet.identify.car.rows import ROWS, Row
 from lacet.identify.effects.base import Effect
+from lacet.identify.progress import Step
 from lacet.identify.properties.derived import DamperCurve, damper_curves
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import Fit, fit
@@ -27,7 +28,7 @@ from lacet.identify.wheel_loads.known_car import KnownCar
 from lacet.identify.wheel_loads.lack_of_fit import lack_of_fit
 from lacet.identify.wheel_loads.measured_forces import ComparedForces, compare_forces
 from lacet.services.cache.keys import service_sources
-from lacet.services.progress import ServiceStage, ServiceStep
+from lacet.services.progress import TRIAL, AnyStep, ServiceStage, ServiceStep
 from lacet.services.workspace.kept.session_records import diagnosis_record, fit_record, restored_diagnosis, restored_fit
 from lacet.services.workspace.kept.study_cache import StudyCache
 from lacet.services.workspace.kept.study_runs import StudyRuns
@@ -37,8 +38,6 @@ from lacet.services.workspace.study import Study, Version
 VERSIONS_AT_HAND = 1
 """Number of versions whose fits, floors and scores are held in memory. Those of the others are read from the study's
 cache again, in a tenth of a second; a fit's sensitivities are as large as the motions of all runs."""
-TRIAL = 0
-"""Number of a version that is not recorded; those of a study count from 1."""
 
 
 class KeptValues:
@@ -129,9 +128,11 @@ class KeptValues:
         return self._fits[version.number]
 
     def _fit(self, version: Version, model: Model) -> Fit:
-        prepared, progress = self.runs.loaded.prepared, self.runs.progress
-        progress(ServiceStep(ServiceStage.FITTING, effects=tuple(version.effects), version=version.number))
-        return fit(model, prepared, progress=lambda step: progress(ServiceStep.of_version(step, version.number)))
+        def progress(step: AnyStep) -> None:
+            self.runs.progress(ServiceStep.of_version(step, version.number, version.effects))
+
+        progress(Step(ServiceStage.FITTING))
+        return fit(model, self.runs.loaded.prepared, progress=progress)
 
     def knowledge(self, version: Version) -> Knowledge:
         """The parameter knowledge of a version, from the runs used."""
@@ -161,8 +162,8 @@ class KeptValues:
         parts: list[Comparison] = []
         runs = self.runs.prepared(held)
         for done, run in enumerate(runs):
-            step = ServiceStep(ServiceStage.COMPARING, done, len(runs), run.name, version=version.number)
-            self.runs.progress(step)
+            step = Step(ServiceStage.COMPARING, done, len(runs), run.name)
+            self.runs.progress(ServiceStep.of_version(step, version.number, version.effects))
             parts.append(compare(fitted, run, SCORE_DRAWS, knowledge=knowledge))
         return parts
 

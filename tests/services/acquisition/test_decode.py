@@ -140,6 +140,11 @@ def test_decode_gives_what_was_sent(capture: Path, tmp_path: Path, frames: list[
     assert result["ledger"]["can0"]["received"] == len(next(f for f in frames if f.source == "can0"))
 
 
+def test_the_folder_of_the_log_is_made_when_it_is_missing(capture: Path, tmp_path: Path):
+    assert main(["decode", str(capture), "-o", str(tmp_path / "new" / "folder" / "run.mcap")]) == 0
+    assert [file.name for file in (tmp_path / "new" / "folder").iterdir()] == ["run.mcap"]
+
+
 def test_axes_are_those_of_the_rig(capture: Path, tmp_path: Path):
     out = tmp_path / "run.mcap"
     main(["decode", str(capture), "-o", str(out)])

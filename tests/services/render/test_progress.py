@@ -3,7 +3,7 @@
 import pytest
 
 from lacet.identify.progress import Stage, Step
-from lacet.services.progress import ServiceStage, ServiceStep
+from lacet.services.progress import TRIAL, ServiceStage, ServiceStep
 from lacet.services.render.progress import in_words, sentence
 
 
@@ -23,18 +23,30 @@ def test_every_stage_has_a_sentence(stage):
         (ServiceStep(ServiceStage.READING_RUN, 1, 3, "used"), "reading runs used: 1 of 3"),
         (ServiceStep(ServiceStage.FITTING), "fitting"),
         (Step(Stage.NOISE_CORRECTION, 1, 4), "fitting: 1 of 4 runs"),
-        (ServiceStep(ServiceStage.FITTING, version=0), "fitting version new: the base model alone"),
+        (ServiceStep(ServiceStage.FITTING, version=1), "fitting version 1 (the base model alone)"),
         (
             ServiceStep(ServiceStage.FITTING, effects=("coulomb.front", "payload"), version=2),
-            "fitting version 2: coulomb.front, payload",
+            "fitting version 2 (coulomb.front, payload)",
+        ),
+        (
+            ServiceStep(ServiceStage.FITTING, effects=("coulomb.front", "payload"), version=TRIAL),
+            "fitting the model with payload added",
         ),
         (
             ServiceStep(ServiceStage.FITTING, values={"speed": 0.05}, campaign="experiment"),
             "experiment: fitting with speed = 0.05",
         ),
         (ServiceStep(Stage.NOISE_CORRECTION, 1, 4, version=2), "fitting version 2: 1 of 4 runs"),
-        (ServiceStep(ServiceStage.COMPARING, version=2), "comparing version 2"),
-        (ServiceStep(ServiceStage.COMPARING, subject="sine", version=0), "comparing version new with sine"),
+        (
+            ServiceStep.of_version(Step(Stage.NOISE_CORRECTION, 1, 4), TRIAL, ["payload"]),
+            "fitting the model with payload added: 1 of 4 runs",
+        ),
+        (ServiceStep(ServiceStage.COMPARING, version=2), "comparing the runs with version 2"),
+        (ServiceStep(ServiceStage.COMPARING, 0, 2, "sine"), "comparing sine with the model"),
+        (
+            ServiceStep.of_version(Step(ServiceStage.COMPARING, 0, 2, "sine"), TRIAL, ["payload"]),
+            "comparing sine with the model with payload added",
+        ),
         (Step(Stage.NOISE_FLOOR), "simulating the noise floor"),
         (Step(Stage.NOISE_FLOOR, 7, 199), "simulating the noise floor: 7 of 199"),
         (

@@ -194,15 +194,12 @@ function heading() {
   document.getElementById("study-name").textContent = study.name || "no study";
   document.getElementById("study-name").title = study.folder ?? "";
   const version = study.versions?.find((v) => v.version === study.current);
-  const added = Object.keys(version?.effects ?? {});
-  const list = Array.isArray(version?.effects) ? version.effects : added;
-  const named = list.length > 1 ? `${list.length} effects` : list[0];
-  const text = version
-    ? `Version ${version.version} of ${study.versions.length}: base model${named ? ` + ${named}` : ""}`
-    : "no model yet";
+  const list = Object.keys(version?.effects ?? {});
+  const added = list.length ? `${list.length} effect${list.length > 1 ? "s" : ""}` : "base model";
+  const text = version ? `Version ${version.version} of ${study.versions.length}: ${added}` : "no model yet";
   const place = document.getElementById("version");
   place.textContent = text;
-  place.title = list.join(" + ");
+  place.title = version ? ["base model", ...list].join(" + ") : "";
   bar.study(study);
 }
 

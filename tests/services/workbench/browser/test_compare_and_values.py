@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from lacet.services.render.intervals import with_interval
+from lacet.services.render.intervals import to_interval, with_interval
 from tests.services.workbench.browser.bench import LONG, Bench, Opened, Watch, opening, serving
 from tests.support.processes import Command
 
@@ -137,6 +137,11 @@ def test_the_car_in_numbers(opened: Opened) -> None:
     rate = next(d for d in found["derived"] if d["name"] == "ride_rate.fl")
     shown = corner.locator("[data-value='ride_rate.fl']").inner_text()
     assert with_interval(rate["value"], rate["half95_sheet"]) in shown
+    drawn = watch.page.locator(".car-numbers").first.text_content() or ""
+    rolls = [d for d in found["derived"] if d["kind"] in ("roll_stiffness", "load_transfer", "roll_gradient")]
+    assert len(rolls) >= 4
+    for d in rolls:
+        assert f" {to_interval(d['value'], d['half95_sheet'])} {d['unit']}" in drawn, "one number, rounded in one way"
     watch.at("values-sheet").uncheck()
     shown = corner.locator("[data-value='ride_rate.fl']").inner_text()
     assert with_interval(rate["value"], rate["half95"]) in shown

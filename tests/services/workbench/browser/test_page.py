@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,8 @@ _CUT = """() => {
   return out.map((e) => e.outerHTML.slice(0, 90));
 }"""
 """What reaches beyond the picture or table that it is in."""
+_PARTS = ("ranking", "missing-side", "missing-more")
+"""What stands side by side in the view of what is missing."""
 _CONTRAST, _RING, _SMALL = (
     (Path(__file__).parent / f"{name}.js").read_text(encoding="utf-8") for name in ("contrast", "ring", "small")
 )
@@ -81,6 +84,39 @@ def test_nothing_moves_and_nothing_is_cut(opened: Opened, width: int, height: in
         assert max(wide) <= 1, (view, wide)
         assert not watch.page.evaluate(_CUT), (view, watch.page.evaluate(_CUT))
         watch.picture(f"{width}-{view}")
+
+
+def test_a_wide_screen_is_filled(opened: Opened) -> None:
+    """Ranking, preview and what else there is stand beside each other; the version's name is not cut anywhere."""
+    watch = opened(2560, 1440)
+    _settled(watch, "missing")
+    boxes = [watch.page.locator(f".view-missing .{name}").bounding_box() for name in _PARTS]
+    edges = [(box["x"], box["x"] + box["width"]) for box in boxes if box]
+    assert len(edges) == len(_PARTS)
+    assert all(before[1] <= after[0] for before, after in itertools.pairwise(edges)), edges
+    assert edges[-1][1] > 2500
+    assert all(box and box["y"] < 600 for box in boxes), "side by side"
+    assert boxes[-1]
+    assert boxes[-1]["width"] > 560
+    watch.picture("2560-missing")
+
+
+def test_the_version_is_not_cut(opened: Opened) -> None:
+    """Beside the tabs of a small window, of a model with several effects."""
+    watch = opened(1280, 720)
+    effects = [f"anti_roll_bar.{k}" for k in range(12)]
+    watch.page.route("**/api/study", lambda route: route.fulfill(json=_with_effects(route.fetch().json(), effects)))
+    watch.go("missing")
+    place = watch.page.locator("#version")
+    watch.expect(place).to_have_text("Version 1 of 1: 12 effects")
+    assert place.evaluate("(e) => e.scrollWidth <= e.clientWidth"), "cut"
+    assert "anti_roll_bar.11" in (place.get_attribute("title") or "")
+
+
+def _with_effects(study: dict[str, Any], effects: list[str]) -> dict[str, Any]:
+    for version in study["versions"]:
+        version["effects"] = {key: {} for key in effects}
+    return study
 
 
 def test_keyboard_only(opened: Opened) -> None:

@@ -9,6 +9,7 @@ class Link {
     this.members = new Set();
     this.window = null; // null: everything
     this.cursor = null;
+    this.cursorIn = null; // window in which the cursor was set
     this.marks = []; // times that stay marked: [{t, label}]
     this.queued = false;
     this.notifies = false;
@@ -86,13 +87,18 @@ class Link {
     });
   }
 
-  /** Moves the cursor to its place in pictures that were drawn anew, a frame later: the pictures come first. */
+  /**
+   * Sets the cursor in pictures that were drawn anew, a frame later: the pictures come first. It keeps its place on the
+   * screen, where the pointer is, and so has another time in another window.
+   */
   follow() {
     if (this.cursor === null || this.following) return;
     this.following = true;
     requestAnimationFrame(() => {
       this.following = false;
-      this.setCursor(this.cursor);
+      if (this.cursor === null) return;
+      const [[a, b], [c, d]] = [this.shown, this.cursorIn];
+      this.setCursor(a + ((this.cursor - c) / (d - c)) * (b - a));
     });
   }
 
@@ -136,6 +142,7 @@ class Link {
    */
   setCursor(t, from = null) {
     this.cursor = t;
+    this.cursorIn = this.shown;
     for (const member of this.members) member.showCursor(t, member === from);
   }
 }

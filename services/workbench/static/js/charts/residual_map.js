@@ -86,7 +86,7 @@ export function residualMap(root, { onPick, rows }) {
   function heading(ctx, { run, left, width, per }) {
     ctx.save();
     ctx.beginPath();
-    ctx.rect(left, 0, width + GAP - 2, HEAD);
+    ctx.rect(left, 0, width, HEAD);
     ctx.clip();
     ctx.textAlign = "left";
     ctx.textBaseline = "top";
@@ -96,7 +96,8 @@ export function residualMap(root, { onPick, rows }) {
     const after = left + ctx.measureText(`${run.name} `).width;
     ctx.font = "12px system-ui, sans-serif";
     ctx.fillStyle = resolved("--chart-ink");
-    ctx.fillText(run.used ? "used" : "held out", after, 4);
+    const role = run.used ? "used" : "held out";
+    if (after + ctx.measureText(role).width <= left + width + 1) ctx.fillText(role, after, 4);
     ctx.restore();
     for (const phase of run.phases) {
       ctx.fillStyle = PHASES[phase.phase] ?? "#888";

@@ -14,7 +14,7 @@ import { Pyramid, first, inWindow } from "./pyramid.js";
 
 const MARGIN = "400px";
 const LEFT = 66; // room for the numbers of the axis, the same in every chart, so that times are above each other [px]
-const RIGHT = 10;
+const RIGHT = 24; // half of the last time's label [px]
 const SIDES = LEFT + RIGHT;
 const MANY = 16; // lines of linked charts from which strokes, which are smoother, take too long
 const HAIR = 1; // widest stroke that is drawn without the outline of a path, in a twentieth of the time [device pixels]
@@ -193,6 +193,8 @@ class Chart {
     } else if (this.stale) {
       this.stale = false;
       const [min, max] = this.shared.shown;
+      // The link sets the cursor a frame later: here it would write to the page between charts, which lays it out for each.
+      this.u.cursor.left = -10;
       this.u.setData(this.data, false);
       this.u.setScale("x", { min, max });
       this.shared.follow();

@@ -174,7 +174,21 @@ function upward(sy, frame) {
   const step = Math.max(1, Math.ceil((sy.high - sy.low) / 6));
   const out = [];
   for (let k = Math.ceil(sy.low); k <= sy.high; k += step) out.push([10 ** k, power(k)]);
-  return out.length > 1 ? out : [sy.low, sy.high].map((k) => [10 ** k, short(10 ** k, 2)]);
+  return out.length > 1 ? out : withinDecade(sy.low, sy.high);
+}
+
+/** Round values on a logarithmic axis that has fewer than two powers of ten. */
+function withinDecade(low, high) {
+  const found = [];
+  for (let k = Math.floor(low); k <= high; k += 1) {
+    for (const lead of [1, 2, 5]) {
+      const place = k + Math.log10(lead);
+      if (place >= low && place <= high) found.push([10 ** place, short(10 ** place, 1)]);
+    }
+  }
+  if (found.length > 2) return found;
+  const { values, step } = ticks(10 ** low, 10 ** high, 4);
+  return values.map((v) => [v, tick(v, step)]);
 }
 
 function power(k) {

@@ -4,7 +4,7 @@ import { xyPlot } from "../charts/xy_plot.js";
 import { h } from "../widgets/dom.js";
 import { number } from "../widgets/format.js";
 import { term } from "../widgets/terms.js";
-import { drawing } from "./car_drawing.js";
+import { drawing, halfOf } from "./car_drawing.js";
 import { arrow, differs, parameterTable } from "./car_parameters.js";
 
 const CORNERS = { fl: "front left", fr: "front right", rl: "rear left", rr: "rear right" };
@@ -75,7 +75,7 @@ export function show(root, app) {
     const at = new Map(found.derived.map((d) => [`${d.kind} ${d.place}`, d]));
     const value = (d, as) => valueOf(d, as, found.against, kept.sheet);
     place.replaceChildren(...(found.derived.length
-      ? [h("div", { class: "car-sides" }, ["fl", "rl"].map((c) => corner(c, at, value))), h("div", { class: "car-numbers-box" }, drawing(at), atCorners(app, found.derived)),
+      ? [h("div", { class: "car-sides" }, ["fl", "rl"].map((c) => corner(c, at, value))), h("div", { class: "car-numbers-box" }, drawing(at, kept.sheet), atCorners(app, found.derived)),
         h("div", { class: "car-sides" }, ["fr", "rr"].map((c) => corner(c, at, value)))]
       : [h("p", { class: "notice", text: "These runs give no derived values: the model has no body of its own." })]));
     const [ofAxles, ofCar] = axleTables(app, found.derived, value);
@@ -106,7 +106,7 @@ function valueOf(d, as, against, sheet) {
   if (!d) return h(as, { class: "muted", text: "–" });
   if (!d.determined) return h(as, { class: "muted", title: d.why, text: "not determined" });
   if (d.none) return h(as, { class: "muted", text: "none" });
-  const half = (sheet ? d.half95_sheet : null) ?? d.half95;
+  const half = halfOf(d, sheet);
   const beside = against !== null && d.other ? h("span", { class: `was${d.differs ? " differs" : ""}`, title: differs(d.differs, against),
     text: `${number(d.other.value, half)}${d.differs ? ` ${arrow(d)}` : ""}` }) : null;
   return h(as, { data: { value: d.name } }, h("b", { text: number(d.value, half) }), h("span", { class: "half", text: ` ± ${number(half, half)}` }),

@@ -303,7 +303,7 @@ export async function show(root, app) {
 
   /** An earlier value; marked where the change is more than both intervals leave open. */
   function change(p, before) {
-    if (!before) return h("td", { class: "num muted", text: "–" });
+    if (!before) return h("td", { class: "num muted" }, "–", h("span", { class: "moved" }));
     const moved = Math.abs(p.value - before.value) > Math.hypot(p.half95 ?? 0, before.half95 ?? 0);
     const part = before.value ? (p.value - before.value) / Math.abs(before.value) : 0;
     const text =
@@ -318,7 +318,7 @@ export async function show(root, app) {
         class: "num",
         title: moved ? "changed since by more than the two intervals leave open" : "the same within the intervals",
       },
-      number(before.value, before.half95),
+      number(before.value, half(before)),
       h("span", { class: "moved", text }),
     );
   }

@@ -113,7 +113,7 @@ export async function show(root, app) {
       head.textContent = live.endpoint ? `No car heard at ${live.endpoint} yet.` : "Not connected to a car.";
       sum.textContent = live.endpoint
         ? `${live.why ? `${live.why}. ` : ""}The page goes on listening.`
-        : "Start the workbench with the car's address: lacet ui STUDY --connect tcp/192.168.1.10:7447";
+        : "Start the workbench with the car's address: lacet ui STUDY --connect tls/192.168.1.10:7447 --keys FOLDER";
     } else {
       const named = [live.manoeuvre, live.run].filter(Boolean).join(", ");
       head.textContent = recording

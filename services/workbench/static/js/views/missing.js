@@ -43,19 +43,21 @@ export async function show(root, app) {
   root.append(
     h("h1", { class: "sr", text: "What is missing" }),
     card.element,
-    h("div", { class: "missing" }, ranking.element, h("div", { class: "missing-side" }, preview.element)),
-    h(
-      "div",
-      { class: "missing-more" },
+    h("div", { class: "missing-place" },
+      h("div", { class: "missing" }, ranking.element, h("div", { class: "missing-side" }, preview.element)),
       h(
-        "section",
-        { class: "panel" },
-        h("h2", { text: "Effects added to the base model" }),
-        model,
-        h("div", { class: "bar" }, undo, h("span", { class: "muted undo-says" })),
+        "div",
+        { class: "missing-more" },
+        h(
+          "section",
+          { class: "panel" },
+          h("h2", { text: "Effects added to the base model" }),
+          model,
+          h("div", { class: "bar" }, undo, h("span", { class: "muted undo-says" })),
+        ),
+        own.element,
+        next.element,
       ),
-      own.element,
-      next.element,
     ),
   );
 

@@ -43,7 +43,7 @@ export function createPreview(app, about, previews) {
     why.replaceChildren(
       h("p", { text: candidate.why }),
       record
-        ? h("p", { class: "muted", text: `${record.about}. ${record.shown_by ? `Shown by: ${record.shown_by}.` : ""}` })
+        ? h("p", { class: "muted preview-about", text: `${record.about}. ${record.shown_by ? `Shown by: ${record.shown_by}.` : ""}` })
         : "",
     );
   }

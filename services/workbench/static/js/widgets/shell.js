@@ -8,13 +8,13 @@ const DOING = {
   where: "Looking where it fails",
   diagnose: "Looking for what is missing",
   preview: "Fitting with",
-  add: "Adding an effect",
-  remove: "Taking an effect out",
+  add: "Adding",
+  remove: "Removing",
   undo: "Going back",
   goto: "Going to a version",
   next: "Looking for the next run",
   report: "Writing the report",
-  decode: "Decoding a capture",
+  decode: "Decoding",
   examples: "Bringing in the example runs",
 };
 
@@ -25,7 +25,7 @@ const DOING = {
  */
 export function doing(job) {
   const of = job.args?.effect ?? job.args?.name ?? job.args?.run ?? "";
-  return `${DOING[job.do] ?? job.do}${typeof of === "string" && of ? `: ${of}` : ""}`;
+  return `${DOING[job.do] ?? job.do}${typeof of === "string" && of ? ` ${of}` : ""}`;
 }
 
 /** Share of the whole work that is done, or of the parts that are counted; null where nothing is known. */
