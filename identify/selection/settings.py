@@ -180,6 +180,9 @@ class SelectionSettings:
     """Entries of the sensor sheet beyond this are reported to the user [tolerances]. Source: three σ."""
     reported_noise_ratio: float = 1.3
     """Noise ÷ sheet above which a row is reported to the user as noisier [ratio]. Source: a choice of presentation."""
+    reported_row_ratio: float = 1.3
+    """Residual ÷ floor of a row from which the user reads what of it the sensors' tolerances explain [ratio]. Source: a
+    choice of presentation."""
     most_reported: int = 4
     """Candidates, rows or entries listed in one sentence [count]. Source: a choice of presentation."""
     most_absorbing: int = 3

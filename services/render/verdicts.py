@@ -426,7 +426,7 @@ def _nothing(d: Diagnosis) -> str:
         f"{len(ranked)} candidates with p = {least:.2g}. {len(d.candidates) - len(ranked)} more could not be tested on "
         f"these runs."
     )
-    text += _small(d)
+    text += _by_tolerances(d) + _small(d)
     if small := [c for c in ranked if is_significant(c, d.effects[c.key], d.draws)]:
         listed = ", ".join(
             f"{c.key} {c.gain_rms:.3g} {unit_of(c)} RMS, p = {c.p:.2g}" for c in small[: SELECTION.most_reported]
@@ -444,6 +444,23 @@ def _nothing(d: Diagnosis) -> str:
             f"tolerances ({off}): look at these instruments (lacet check measures latencies)."
         )
     return text
+
+
+def _by_tolerances(d: Diagnosis) -> str:
+    """What the sensors' tolerances explain of the worst row; empty where it is little.
+
+    The error ÷ floor of a version is that of the runs as recorded, and stays there with nothing missing.
+    """
+    row = max(d.ratios, key=lambda row: d.ratios[row], default=None)
+    if row is None or row not in d.grounds.ratios or d.ratios[row] < SELECTION.reported_row_ratio:
+        return ""
+    late = any(name.startswith("latency") for name in d.grounds.tolerances.sizes)
+    remedy = " (lacet check --only latency --write-rig FILE makes a rig file without these latencies)" if late else ""
+    return (
+        f" In the runs as recorded {row} is at {d.ratios[row]:.2f}, and at {d.grounds.ratios[row]:.2f} without what "
+        f"the sensors may be off by (in tolerances: {_off(d.grounds.tolerances.sizes)}): correct the rig file and that "
+        f"part of the error goes, too{remedy}."
+    )
 
 
 def _off(tolerances: Mapping[str, float], least: float = 0.0) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -184,7 +184,7 @@ class Session:
                 if found.key in self.study.version().effects:
                     continue  # added with another of which it is known as a sum
                 before = self.study.version()
-                after = self.add(found.key, found.shape)
+                after = self._add_together(found.total.keys if found.total else (found.key,), found.shape)
                 changes.append(change_result(found.key, before.result["rows"], after.result["rows"]))
                 added(changes[-1])
 
@@ -207,9 +207,12 @@ class Session:
                 fitted, floor = self.values.fitted(version), self.values.floor(version)
                 (effect,) = constants_by_runs(fitted, floor, [effect], self.progress)
         found = next((c for c in (self.study.diagnosis() or {}).get("candidates", []) if c["effect"] == key), {})
-        together = (found.get("sum") or {}).get("effects", [key])
-        shapes = {one: {**effect.shape, **(shape or {})} for one in together}
-        return self.record({**version.effects, **shapes}, f"added {' and '.join(together)}")
+        return self._add_together((found.get("sum") or {}).get("effects", [key]), {**effect.shape, **(shape or {})})
+
+    def _add_together(self, keys: Sequence[str], shape: Mapping[str, float]) -> Version:
+        """Add effects with the same shape constants to the current version."""
+        shapes = {key: dict(shape) for key in keys}
+        return self.record({**self.study.version().effects, **shapes}, f"added {' and '.join(keys)}")
 
     def remove(self, key: str) -> Version:
         """Remove an effect: a new version without it. Raises UsageError when it is not in the model."""

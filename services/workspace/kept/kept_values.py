@@ -23,7 +23,7 @@ from lacet.identify.validation.contributions import Shares, shares_of
 from lacet.identify.validation.failure_analysis import FailureAnalysis, analyse_failure
 from lacet.identify.validation.noise_floor import SCORE_DRAWS, NoiseFloor, RunDraws, floor_of
 from lacet.identify.validation.prediction_uncertainty import Knowledge
-from lacet.identify.validation.score import Comparison, compare
+from lacet.identify.validation.score import Comparison, compare, row_ratios
 from lacet.identify.wheel_loads.known_car import KnownCar
 from lacet.identify.wheel_loads.lack_of_fit import lack_of_fit
 from lacet.identify.wheel_loads.measured_forces import ComparedForces, compare_forces
@@ -259,7 +259,14 @@ class KeptValues:
         return replace(kept, parts=tuple(parts), phases=tuple(phases))
 
     def diagnosis(self, version: Version) -> Diagnosis:
-        """The ranking of what is missing in a version."""
+        """The ranking of what is missing in a version; the error ÷ floor in it is that of the version's result."""
+        found = self._diagnosis(version)
+        if not version.result:
+            return found
+        rows = row_ratios(version.result["rows"]["used"])
+        return replace(found, ratios={Row.parse(row): ratio for row, ratio in rows.items()})
+
+    def _diagnosis(self, version: Version) -> Diagnosis:
         key = self._key("ranking", version)
         known = self.runs.study.effects(self.runs.reference(version))
         candidates = {k: e for k, e in known.items() if not e.base}

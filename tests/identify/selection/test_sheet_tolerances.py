@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -52,11 +54,17 @@ def test_what_the_sheet_is_stretched_to_is_told(fitted: Fit, floor: NoiseFloor, 
     found = diagnose(one_off, floor, TRIED, noise=space.noise)
     assert found.verdict == "nothing missing", says(found)
     assert "gain of wheel.rr.force.z +" in says(found)
+    worst = max(found.ratios, key=lambda row: found.ratios[row])
+    assert "In the runs as recorded" not in says(found)
+    high = says(replace(found, ratios={**found.ratios, worst: 2.0}))
+    assert f"In the runs as recorded {worst} is at 2.00, and at {found.grounds.ratios[worst]:.2f} without" in high
     right = ScoreTests.of(Linearisation.of(fitted, floor), TRIED, 0, space.noise)
     sheet = right.tolerance_use()
     assert max(map(abs, sheet.sizes.values())) < 3.0
     assert not sheet.tolerance_exceeded
-    assert "off by more than" not in says(diagnose(fitted, floor, TRIED, noise=space.noise))
+    sound = says(diagnose(fitted, floor, TRIED, noise=space.noise))
+    assert "off by more than" not in sound
+    assert "In the runs as recorded" not in sound
 
 
 @pytest.mark.parametrize("tried", [TRIED, [*TRIED, FAULT]], ids=["no fault tried", "one fault tried"])
