@@ -36,7 +36,7 @@ class Verdict:
     Attributes
     ----------
     effects : keys of the final set → shape constants; `ties` key → what cannot be told from it.
-    parameters : key → parameter → value, half of the 95 % interval (sheet included).
+    parameters : key → parameter → value, half of the 95 % interval (sheet included); of those that the runs show alone.
     unlisted : whether a cause that is not listed was declared at the end; `rows` said to be left unexplained by it.
     held : run held out → row → residual ÷ floor; `base` the same of the base model.
     steps : verdict, best and explained share of each ranking.
@@ -77,7 +77,7 @@ def read(study: Path, said: Mapping[str, Any], seconds: float = 0.0) -> Verdict:
                 ties[candidate["effect"]] = [tie["effect"] for tie in candidate["ties"]]
     parameters: dict[str, dict[str, tuple[float, float]]] = {}
     for one in last["result"]["parameters"]:
-        if one["effect"] in effects:
+        if one["effect"] in effects and one["group"] == one["name"]:  # else it is a sum with others
             parameters.setdefault(one["effect"], {})[one["name"]] = (one["value"], one["half95_sheet"])
     unlisted = bool(said["unlisted"])
     return Verdict(
