@@ -119,10 +119,11 @@ def test_a_click_moves_the_nearer_cursor(opened: Opened) -> None:
     watch.go("compare?row=tyre.fl&a=2&b=8")
     over = watch.at("chart-measured").first.locator(".u-over")
     watch.expect(over).to_be_visible(timeout=LONG)
-    box = over.bounding_box()
-    assert box is not None
-    over.click(position={"x": 0.25 * box["width"], "y": 20})
+    over.click(position={"x": 200, "y": 20})  # of some 850 px, which are 16 s
     watch.expect(watch.at("cursor-a")).not_to_have_value("2.00")
+    watch.page.set_viewport_size({"width": 1024, "height": 768})
+    table = watch.at("cursors").locator(".scroll")
+    assert table.evaluate("(e) => e.scrollWidth <= e.clientWidth"), "every column is seen on a tablet"
     watch.expect(watch.at("cursor-b")).to_have_value("8.00")
     watch.at("compare-cursors").uncheck()
     watch.expect(watch.at("cursors")).to_be_hidden()
@@ -137,6 +138,12 @@ def test_the_car_in_numbers(opened: Opened) -> None:
     rate = next(d for d in found["derived"] if d["name"] == "ride_rate.fl")
     shown = corner.locator("[data-value='ride_rate.fl']").inner_text()
     assert with_interval(rate["value"], rate["half95_sheet"]) in shown
+    tops = watch.at("axle-table").evaluate("""(e) => {
+      const main = document.getElementById("main");
+      main.scrollTop += e.getBoundingClientRect().top - main.getBoundingClientRect().top + 60;
+      return [e, e.querySelector("th")].map((one) => one.getBoundingClientRect().top);
+    }""")
+    assert tops[1] - tops[0] < 2.0, "the head goes with its table, and covers none of its lines"
     drawn = watch.page.locator(".car-numbers").first.text_content() or ""
     rolls = [d for d in found["derived"] if d["kind"] in ("roll_stiffness", "load_transfer", "roll_gradient")]
     assert len(rolls) >= 4
