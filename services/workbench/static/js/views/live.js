@@ -10,7 +10,7 @@ import { liveFit } from "./live_fit.js";
 const LATE = 1.0; // a channel that has not been heard for so long is late [s]
 const SYNC = "live";
 const FIRST = ["correvit.speed", "imu.accel"]; // channels shown as curves until others are chosen
-const kept = { chosen: null };
+const kept = { chosen: null }; // names of the channels that the user chose as curves
 const TERMS = { Flagged: "flagged", Losses: "losses" };
 const SLOW = 0.9; // part of its expected rate below which a channel is slow
 
@@ -135,11 +135,6 @@ export async function show(root, app) {
       fit.element.hidden = false;
       void fit.begin();
     }
-    if (!kept.chosen) {
-      const heard = channels.filter((c) => c.samples).map((c) => c.name);
-      const there = FIRST.filter((name) => channels.some((c) => c.name === name));
-      if (heard.length) kept.chosen = new Set(there.length ? there : heard.slice(0, FIRST.length));
-    }
     void drawCurves();
     const shown = channels.filter((c) => !wanted.checked || verdict(c, recording).kind !== "good");
     const focused = document.activeElement?.dataset?.testid; // the lines are made anew each second
@@ -149,7 +144,7 @@ export async function show(root, app) {
         return h(
           "tr",
           { "data-testid": `live-${c.name}` },
-          h("td", null, h("input", { type: "checkbox", checked: kept.chosen?.has(c.name) ?? false, disabled: !c.samples,
+          h("td", null, h("input", { type: "checkbox", checked: drawn().has(c.name), disabled: !c.samples,
             "aria-label": `curve of ${c.name}`, "data-testid": `curve-${c.name}`, onchange: (e) => choose(c.name, e.target.checked) })),
           h("th", { scope: "row", class: "code", text: c.name }),
           h("td", { text: c.unit || "–" }),
@@ -204,8 +199,16 @@ export async function show(root, app) {
     }));
   }
 
+  /** Channels drawn as curves: the user's, or those of `FIRST` that the car has; the first second may have others alone. */
+  function drawn() {
+    if (kept.chosen) return kept.chosen;
+    const channels = last?.channels ?? [];
+    const there = FIRST.filter((name) => channels.some((c) => c.name === name));
+    return new Set(there.length ? there : channels.filter((c) => c.samples).map((c) => c.name).slice(0, FIRST.length));
+  }
+
   function choose(name, yes) {
-    kept.chosen ??= new Set();
+    kept.chosen ??= drawn();
     if (yes) kept.chosen.add(name);
     else kept.chosen.delete(name);
     void drawCurves();
@@ -213,7 +216,7 @@ export async function show(root, app) {
 
   /** Asks for the chosen channels' last seconds, one question at a time. */
   async function drawCurves() {
-    const names = [...(kept.chosen ?? [])];
+    const names = [...drawn()];
     curves.hidden = !names.length;
     for (const [name, chart] of charts) {
       if (names.includes(name)) continue;
@@ -226,7 +229,7 @@ export async function show(root, app) {
       const { meta, arrays } = await app.api.binary(`api/live/curves?names=${names.map(encodeURIComponent).join(",")}`);
       if (closed) return;
       for (const [name, { unit, t, parts }] of Object.entries(meta.channels)) {
-        if (!kept.chosen.has(name)) continue;
+        if (!drawn().has(name)) continue;
         const series = Object.entries(parts).map(([part, array], k) => ({ name: part === "value" ? "measured" : part, values: arrays[array], colour: `--effect-${k}` }));
         if (!charts.has(name)) charts.set(name, timeChart(curves, { t: new Float32Array(0), series: [], title: name, sync: SYNC, height: 110, testid: `live-chart-${name}` }));
         charts.get(name).update({ t: arrays[t], unit, series, rough: true });
