@@ -67,8 +67,23 @@ def described(joint: Joint, rest: Rest, seed: int, progress: Progress) -> Descri
     )
     if set(found.keys) == set(joint.keys):
         return out
-    without, rest = tested_again(replace(found, base=joint.base), seed, progress)
+    without, rest = tested_again(on_base_of(joint, found), seed, progress)
     return replace(out, joint=without, rest=rest)
+
+
+def on_base_of(joint: Joint, found: Joint) -> Joint:
+    """What is `found` in a fit with laws that describe a rest, on the base fit of `joint`, which has none of them.
+
+    That base may hold effects of its own: those that are no longer found leave it, and those that are found anew.
+    """
+    assert joint.base is not None
+    anew = {effect.key for effect in found.added}
+    gone = [key for key in joint.keys if key in anew or key not in found.keys]
+    base = joint.base.without_effects(gone, joint.sizes)
+    held = {effect.key for effect in (*found.removed, *base.model.effects)}
+    added = tuple(effect for effect in found.effects if effect.key not in held)
+    sizes = {key: size for key, size in joint.sizes.items() if key not in gone}
+    return replace(found, base=base, added=added, sizes=sizes)
 
 
 def _searched_again(known: Joint, parts: Collection[str], seed: int, progress: Progress) -> Joint:

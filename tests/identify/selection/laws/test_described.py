@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import cast
 
 import pytest
@@ -10,8 +11,10 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.effects.language.compiled import one_line_effects
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.joint.refits import Joint
 from lacet.identify.selection.laws import described
 from lacet.identify.selection.laws.formulas import Formula, Law
+from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.validation.noise_floor import NoiseFloor
 from lacet.services.render.verdicts import says
 from tests.identify.exact_car import KNOWN, VEHICLE, driven, exact_with, fit_of
@@ -20,6 +23,7 @@ from tests.identify.selection.exact_ranking import CANDIDATES
 LAW = "hidden = suspension.front: p * travel**2*tanh(rate/v0) + q * tanh(rate/v1), v0 = 30 mm/s, v1 = 10 mm/s"
 OTHER_LAW = "hidden = suspension.front: p * tanh(abs(travel)/s0)*rate, s0 = 10 mm"
 FRICTION = 60.0
+BAR = "anti_roll_bar.rear"
 
 
 @pytest.fixture(scope="module")
@@ -71,3 +75,15 @@ def test_a_stand_in_is_no_name_where_nothing_describes_the_rest(floor: NoiseFloo
     found = diagnose(fit_of(driven(exact_with(hidden, 2500.0), 1)), floor, [*CANDIDATES, stand_in])
     assert found.unlisted_rows
     assert stand_in.key not in [c.key for c in found.found], says(found)
+
+
+def test_what_is_found_anew_is_in_the_last_fit_once(fitted: Fit, space: ScoreTests):
+    """Where the base fit had it with other constants, had another that is gone, and one that stays."""
+    bar, old, gone, stays = (KNOWN[key] for key in ("axle_damping.front", "coulomb.front", "coulomb.rear", BAR))
+    new = replace(old, shape={**old.shape, "v0": 0.003})
+    base = fitted.with_effects([stays, old, gone])
+    before = Joint(space, (), space, (), (stays, old, gone), (), base=base)
+    found = replace(before, effects=(stays, new, bar), added=(new, bar))
+    last = described.on_base_of(before, found).fit.model
+    assert [effect.key for effect in last.physics if not effect.base] == [BAR, new.key, bar.key]
+    assert new in last.physics
