@@ -11,13 +11,16 @@ from lacet.identify.selection.joint.subset_search import strength
 from lacet.identify.selection.settings import SELECTION
 
 
-def answered(joint: Joint, found: Sequence[Candidate], tied: Sequence[Candidate] = ()) -> tuple[Candidate, ...]:
+def answered(
+    joint: Joint, found: Sequence[Candidate], tied: Sequence[Candidate] = (), of_tables: Sequence[Candidate] = ()
+) -> tuple[Candidate, ...]:
     """All candidates with their answers: those found first, then by what each takes away alone, untestable ones last.
 
     A candidate that stands out alone and not beside the effects found stands in for the one it is most like. `tied` :
-    those of the set found that are not named, as others do as well beside an unlisted cause.
+    those of the set found that are not named, as others do as well beside an unlisted cause; `of_tables` those that do
+    not stand beside a bench table that is lacking.
     """
-    keys, first = {c.key for c in (*found, *tied)}, joint.first
+    keys, first = {c.key for c in (*found, *tied, *of_tables)}, joint.first
     beside = {c.key: c for c in joint.beside}
     tested = sorted(
         (c for c in joint.alone if c.tested and c.key not in keys),
@@ -25,6 +28,7 @@ def answered(joint: Joint, found: Sequence[Candidate], tied: Sequence[Candidate]
     )
     others = [_answered(c, joint, found, beside.get(c.key)) for c in tested]
     undecided = [replace(c, answer=Answer.UNDECIDED, reason=Reason.TIED) for c in tied]
+    undecided += [replace(c, answer=Answer.UNDECIDED, reason=Reason.NO_TABLE) for c in of_tables]
     return (*found, *undecided, *others, *(c for c in joint.alone if not c.tested and c.key not in keys))
 
 

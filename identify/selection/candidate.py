@@ -66,6 +66,8 @@ class Reason(Enum):
     """It was in the set found, something unlisted remains, and its `ties` are not rejected in its place."""
     CONFOUNDED = auto()
     """A bench table whose error could be a part of one found (`Candidate.confounded`)."""
+    NO_TABLE = auto()
+    """It was in the set found, and not beside the terms of a bench table that its axle lacks."""
     PASSES = auto()
     """It passes every bar."""
 

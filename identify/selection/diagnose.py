@@ -45,6 +45,7 @@ from lacet.identify.selection.joint.rounds import (
 from lacet.identify.selection.joint.shape_constants import refined
 from lacet.identify.selection.joint.starts import starts
 from lacet.identify.selection.joint.subset_search import strength
+from lacet.identify.selection.joint.unknown_tables import beside_tables, with_sizes_beside
 from lacet.identify.selection.joint.wrong_tables import axles_without_tables, confounded_with
 from lacet.identify.selection.laws.described import Described, described
 from lacet.identify.selection.laws.encompassing import only_encompassing
@@ -312,6 +313,11 @@ def _concluded(
     found = sorted(found, key=lambda c: -force.get(c.key, 0.0))
     if judged_rest:
         joint, found = _with_sums(joint, found, seed, progress)
+    without_tables = axles_without_tables((first.effects[c.key] for c in found), runs.vehicle)
+    of_tables: Sequence[Candidate] = ()
+    if judged_rest and without_tables:
+        beside = beside_tables(joint.space, without_tables, seed, progress)
+        found, of_tables = with_sizes_beside(found, beside)
     acting = frozenset[Row]().union(*(c.rows for c in found)) if found else frozenset[Row]()
     own = [row for row in now.above if row in acting] or list(now.above)
     excess = now.excess(own)
@@ -328,9 +334,9 @@ def _concluded(
         verdict = Verdict.UNLISTED
     diagnosis = Diagnosis(
         verdict, tuple(found), tuple(unlisted), rest.small if judged_rest else (),
-        _maybe(joint, found, unlisted, candidates), answered(joint, found, tied), runs.row_ratios(floor), excess,
-        explained, floor.count, first.noise_ratio, now.above, first.noise, grounds, first.effects, tuple(formulas),
-        known.laws if known else (), axles_without_tables((first.effects[c.key] for c in found), runs.vehicle),
+        _maybe(joint, found, unlisted, candidates), answered(joint, found, tied, of_tables), runs.row_ratios(floor),
+        excess, explained, floor.count, first.noise_ratio, now.above, first.noise, grounds, first.effects,
+        tuple(formulas), known.laws if known else (), without_tables,
     )  # fmt: skip
     if not found or not judged_rest or not_constant or tied:
         return diagnosis

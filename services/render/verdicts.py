@@ -41,7 +41,7 @@ def why(d: Diagnosis, c: Candidate) -> str:
     if found is not None:
         return f"{reason_text(c, d.effects.get(c.key), d.draws)}{_rivals(c)}"
     text = reason_text(c, d.effects.get(c.key), d.draws)
-    if c.answer is not Answer.UNDECIDED or c.reason in (*NOT_NAMED, Reason.CONFOUNDED):
+    if c.answer is not Answer.UNDECIDED or c.reason in (*NOT_NAMED, Reason.CONFOUNDED, Reason.NO_TABLE):
         return text
     if c.stands_for:
         return f"{text} It cannot be told apart from {c.stands_for}."
@@ -84,6 +84,8 @@ def reason_text(c: Candidate, effect: Effect | None, draws: int) -> str:
             )
         case Reason.TIED:
             return f"{takes} Undecided beside a cause that is not listed: {_tied(c)} cannot be ruled out in its place."
+        case Reason.NO_TABLE:
+            return f"{takes} Undecided: beside a bench table of its axle that is not known it need not be there."
         case _ if c.answer is Answer.MISSING:
             return f"{takes} Its size is {sizes(c, effect)} (95 %); {chance}."
         case _:
@@ -305,10 +307,15 @@ def _without_tables(d: Diagnosis) -> str:
     if not d.without_tables:
         return ""
     axles = " and ".join(f"{axle} axle" for axle in d.without_tables)
-    return (
+    out = (
         f" The vehicle file has no bench table of the {axles}, so that wheels count as moving straight up; these runs "
-        f"show that they do not. What a slope alone leaves of that can be in the other names and sizes: give a table."
+        f"show that they do not. Sizes of other effects there are beside a table that is not known: give one."
     )
+    hidden = [c.key for c in d.candidates if c.reason is Reason.NO_TABLE]
+    if hidden:
+        names = ", ".join(hidden)
+        out += f" What these explain the table may explain as well, and they are not counted as found: {names}."
+    return out
 
 
 def _in_part(d: Diagnosis) -> str:

@@ -39,13 +39,18 @@ class CentreSlope(PhysicalEffect):
     def columns(self, motion: Motion) -> dict[str, Array]:
         """−F·direction in the suspensions, −Δr × F in the chassis."""
         out: dict[str, Array] = {}
-        moment = np.zeros((3, motion.t.size))
         for c in self.corners():
-            corner, along = motion.corners[c], self.direction(c)
-            out[f"suspension.{c}"] = -np.sum(along * corner.force, axis=0)[None]
-            moment -= corner.travel * cross(along * np.ones_like(corner.travel), corner.force)
+            for row, column in self.moved(motion, c, c, 1.0, motion.corners[c].travel).items():
+                out[row] = out[row] + column if row in out else column
+        return out
+
+    def moved(self, motion: Motion, corner: str, by: str, slope: Array | float, shift: Array) -> dict[str, Array]:
+        """Columns of one wheel that moves along the direction by `shift` (N,), `slope` of it by the travel of `by`."""
+        along, force = self.direction(corner), motion.corners[corner].force
+        moment = -shift * cross(along * np.ones_like(shift), force)
         chassis = {f"chassis.m{axis}": moment[k][None] for k, axis in enumerate("xyz")}
-        return out | {row: column for row, column in chassis.items() if row in self.rows}
+        work = slope * np.sum(along * force, axis=0)
+        return {f"suspension.{by}": -work[None]} | {row: one for row, one in chassis.items() if row in self.rows}
 
 
 class AntiDive(CentreSlope):

@@ -39,10 +39,15 @@ class WheelTurn(PhysicalEffect):
         """−M·Δ∂φ/∂s, the moment without its part about the spin axis."""
         out: dict[str, Array] = {}
         for c in self.corners():
-            corner, side = motion.corners[c], 1.0 if c.endswith("l") else -1.0
-            moment = corner.moment - corner.spin_axis * dot(corner.moment, corner.spin_axis)
-            out[f"suspension.{c}"] = side * dot(moment, self.axis(corner))[None]
+            out |= self.moved(motion, c, c, 1.0, motion.corners[c].travel)
         return out
+
+    def moved(self, motion: Motion, corner: str, by: str, slope: Array | float, shift: Array) -> dict[str, Array]:
+        """The column of one wheel that turns by `slope` per travel of `by`; the angle itself is measured."""
+        del shift
+        wheel, side = motion.corners[corner], 1.0 if corner.endswith("l") else -1.0
+        moment = wheel.moment - wheel.spin_axis * dot(wheel.moment, wheel.spin_axis)
+        return {f"suspension.{by}": side * (slope * dot(moment, self.axis(wheel)))[None]}
 
 
 class CamberChange(WheelTurn):

@@ -12,8 +12,9 @@ from lacet.identify.car.rows import SUSPENSION_ROWS
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.candidate import Candidate, is_significant, judged
+from lacet.identify.selection.candidate import Answer, Candidate, Reason, is_significant, judged
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
+from lacet.identify.selection.joint.unknown_tables import BesideTable
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor
@@ -46,6 +47,24 @@ def test_the_same_law_in_the_catalogue_is_missing(unlisted: Fit, floor: NoiseFlo
     assert found.best.key == "hidden.front"
     assert found.best.values[0] == pytest.approx(SIZE, abs=max(2.0 * found.best.interval[0], 0.05 * SIZE))
     assert not found.formulas
+
+
+def test_what_a_table_that_is_lacking_explains_as_well_is_not_counted_as_found(
+    unlisted: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch
+):
+    place = "lacet.identify.selection.diagnose"
+    beside = {HIDDEN.key: BesideTable(np.zeros(1), np.ones(1), stands=False)}
+    monkeypatch.setattr(f"{place}.axles_without_tables", lambda *_: ("front",))
+    monkeypatch.setattr(f"{place}.beside_tables", lambda *_: beside)
+    found = diagnose(unlisted, floor, [*CANDIDATES[:3], HIDDEN])
+    assert not found.found
+    said = next(c for c in found.candidates if c.key == HIDDEN.key)
+    assert said.answer == "undecided"
+    assert "a bench table of its axle that is not known" in why(found, said)
+    other = replace(said, key="jacking.front", answer=Answer.MISSING, reason=Reason.PASSES)
+    text = says(replace(found, found=(other,), effects={**found.effects, other.key: HIDDEN}))
+    assert "no bench table of the front axle" in text
+    assert f"not counted as found: {HIDDEN.key}." in text
 
 
 def test_a_latency_is_ranked_by_what_it_takes_off_beside_all_tolerances(

@@ -1,0 +1,144 @@
+"""Laws of an axle without a bench table whose wheels move sideways with the travel: those that the table explains."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lacet.daq.compliance import JOINTS
+from lacet.daq.joint_tables import JointCurve, JointTables
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.kinematics import build_motion
+from lacet.identify.effects.suspension.anti_roll_bar import AntiRollBar
+from lacet.identify.effects.suspension.centre_slopes import Jacking
+from lacet.identify.effects.suspension.spring_progression import SpringQuadratic
+from lacet.identify.effects.unknown_table import By, TableTerm, table_terms
+from lacet.identify.properties.sums_of_places import SumOfPlaces
+from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.regression.sensitivity import residual
+from lacet.identify.regression.wls import Fit, FitOptions, fit
+from lacet.identify.selection.candidate import Candidate
+from lacet.identify.selection.columns.linearisation import Linearisation
+from lacet.identify.selection.joint.unknown_tables import BesideTable, beside_tables, with_sizes_beside
+from lacet.identify.selection.rest import added_laws
+from lacet.identify.selection.score_tests import ScoreTests
+from lacet.identify.signals.filters import Filters
+from lacet.identify.signals.noise_draws import draw_noise
+from lacet.identify.signals.reconstruct import Recording, Signals
+from lacet.identify.validation.noise_floor import floor_of
+from tests.identify import cars, exact_car
+
+PLAIN, RIG = cars.reference_car()
+FILTERS = Filters(rate=100.0, pre_cutoff=None)
+BAR, RISING, SLOPE = AntiRollBar("rear"), SpringQuadratic("rear"), Jacking("rear")
+RISE = -3.6
+"""Curvature of the half track by the travel [1/m], of a double wishbone."""
+
+
+def with_table(rise: float) -> Vehicle:
+    """The car whose rear wheels move sideways, with a slope that changes with the travel by `rise`."""
+    s = np.linspace(-0.1, 0.1, 41)
+    curve = JointCurve(s, np.outer(0.1 * s + 0.5 * rise * s**2, np.eye(len(JOINTS))[0]))
+    tables = JointTables(curve, None, None, {})
+    corners = {c: replace(one, joints=tables, driven=False) if c[0] == "r" else one for c, one in PLAIN.corners.items()}
+    return replace(PLAIN, corners=corners)
+
+
+def drive(rise: float, rising: float) -> Recording:
+    """A drive of that car with a bar of 9 kN/m and a rate that rises by `rising`, read with a file without tables.
+
+    The rear rolls and has side force with the lateral acceleration, the roll being half of what it could be alone.
+    """
+    t = np.arange(1500) / FILTERS.rate
+    curves = cars.drive_curves(np.random.default_rng(21))
+    signals = cars.exact_signals(curves, t)
+    parts = {part: dict(getattr(signals, part)) for part in ("value", "rate", "accel")}
+    for order, part in enumerate(parts.values()):
+        ay = curves["imu.accel"].at(t, order)[1]
+        for c in ("rl", "rr") if order == 0 else ():
+            part[f"wheel.{c}.force"] = np.outer([0.0, 1.0, 0.0], 100.0 * ay)
+        left, right = (part[f"laser.{c}.hub"] for c in ("rl", "rr"))
+        heave, roll = 0.5 * (left + right), 0.5 * (left - right)
+        roll = 0.001 * ay[None] + 0.5 * roll
+        part["laser.rl.hub"], part["laser.rr.hub"] = heave + roll, heave - roll
+    model = exact_car.MODEL + BAR + RISING
+    record = cars.recording(replace(signals, **parts), with_table(rise), RIG, FILTERS)
+    record = cars.fulfil(record, model.physics, np.append(exact_car.theta(), [9000.0, rising]))
+    noise = draw_noise(record, record.signals.value, np.random.default_rng(22))
+    values = {name: a + noise[name] for name, a in record.signals.value.items()}
+    return replace(record.with_signals(Signals.differentiated(values, FILTERS.rate)), vehicle=PLAIN)
+
+
+def fitted(record: Recording) -> Fit:
+    """With the bar, the rising rate and the slope of the half track, without its curvature."""
+    return fit(exact_car.MODEL + BAR + RISING + SLOPE, [PreparedRun(record)], FitOptions(draws=2))
+
+
+def beside(record: Recording) -> tuple[dict[str, float], dict[str, BesideTable]]:
+    """Sizes without a table, and what is left of each law beside the terms of an unknown one."""
+    one = fitted(record)
+    space = ScoreTests.of(Linearisation.of(one, floor_of(one, 19)), [SLOPE], 0)
+    return {law.key: float(law.values[0]) for law in added_laws(space)}, beside_tables(space, ["rear"], 0)
+
+
+def test_a_rate_that_the_table_explains_does_not_stand_and_a_bar_does() -> None:
+    """And the bar, far off without a table, is right beside its terms."""
+    was, now = beside(drive(RISE, 0.0))
+    assert abs(was[RISING.key]) > 100_000.0
+    assert abs(was[BAR.key] - 9000.0) > 1000.0
+    assert not now[RISING.key].stands
+    assert now[BAR.key].stands
+    assert now[BAR.key].values[0] == pytest.approx(9000.0, rel=0.02)
+    assert SLOPE.key not in now
+
+
+def test_a_rate_that_rises_stands() -> None:
+    _, now = beside(drive(0.0, 60_000.0))
+    assert now[RISING.key].stands
+    assert now[RISING.key].values[0] == pytest.approx(60_000.0, rel=0.1)
+
+
+def test_what_stands_has_its_size_beside_the_terms() -> None:
+    """With what they add to the interval; of a sum of places the size stays; what does not stand is set apart."""
+    total = SumOfPlaces(("c.rear", "d.rear"), "k", "N/m", 5.0, 1.0, 1.0, inseparable=True)
+    names = ("a.rear", "b.rear", "c.rear", "other")
+    found = [Candidate(key, {}, values=(10.0,), interval=(3.0,)) for key in names]
+    found[2] = replace(found[2], total=total)
+    law = BesideTable(np.array([7.0]), np.array([(4.0 / 1.96) ** 2]), stands=True)
+    kept, hidden = with_sizes_beside(found, {"a.rear": law, "b.rear": replace(law, stands=False), "c.rear": law})
+    assert [(c.key, c.values, c.interval) for c in kept] == [
+        ("a.rear", (7.0,), pytest.approx((5.0,), rel=1e-3)), ("c.rear", (10.0,), (3.0,)), ("other", (10.0,), (3.0,)),
+    ]  # fmt: skip
+    assert [c.key for c in hidden] == ["b.rear"]
+
+
+def test_terms_are_the_change_of_the_motion_by_a_table() -> None:
+    """Columns of the curvature and of the other wheel's travel, against the rows of a car with such a table."""
+    signals = cars.exact_signals(cars.drive_curves(np.random.default_rng(3)), np.arange(50) / FILTERS.rate)
+    s = np.linspace(-0.2, 0.2, 81)
+    eps, joint = 1e-4, list(JOINTS)
+    physics = exact_car.MODEL.physics
+
+    def residual_of(values: np.ndarray, curve: str) -> dict[str, np.ndarray]:
+        zero = np.zeros((s.size, 5))
+        curves = {"own": JointCurve(s, zero), "other": JointCurve(s, zero), curve: JointCurve(s, values)}
+        tables = JointTables(curves["own"], curves["other"], None, {}, product=np.zeros(5))
+        corners = {c: replace(one, joints=tables, table=None, driven=False) for c, one in PLAIN.corners.items()}
+        motion = build_motion(cars.recording(signals, replace(PLAIN, corners=corners), RIG, FILTERS))
+        return {str(row): a for row, a in residual(motion, physics, np.zeros(exact_car.theta().size)).items()}
+
+    motion = build_motion(cars.recording(signals, PLAIN, RIG, FILTERS))
+    for term in table_terms("rear"):
+        if not isinstance(term, TableTerm):
+            continue
+        name = {"jacking": "half_track", "anti_dive": "half_wheelbase"}.get(term.slope.name, term.slope.name[:-7])
+        what, curve = (0.5 * s**2, "own") if term.by is By.RISE else (s, "other")
+        values = np.outer(what, np.eye(5)[joint.index(name)])
+        after, before = residual_of(eps * values, curve), residual_of(0.0 * values, curve)
+        columns = term.columns(motion)
+        for c in ("rl", "rr"):
+            change = (after[f"suspension.{c}"] - before[f"suspension.{c}"]) / eps
+            found = -columns[f"suspension.{c}"][0]
+            np.testing.assert_allclose(found, change, atol=0.03 * np.max(np.abs(change)) + 1e-3, err_msg=term.key)
