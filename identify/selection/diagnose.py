@@ -112,7 +112,7 @@ class Diagnosis:
     effects : key → effect of every candidate that can be computed.
     formulas : laws that part of an unlisted rest follows, best first; `described` those that were in the fit which the
         sizes of the effects found are of.
-    without_tables : axles without bench tables whose wheels, by the effects found, move or turn with the travel.
+    without_tables : axles without bench tables whose wheels, by the effects in the fit, move or turn with the travel.
     after : the diagnosis of the model with all effects found; None where nothing is found, or it was not made.
     """
 
@@ -313,7 +313,8 @@ def _concluded(
     found = sorted(found, key=lambda c: -force.get(c.key, 0.0))
     if judged_rest:
         joint, found = _with_sums(joint, found, seed, progress)
-    without_tables = axles_without_tables((first.effects[c.key] for c in found), runs.vehicle)
+    # A slope that is not the same in all runs shows that wheels move, too: by more than a slope.
+    without_tables = axles_without_tables(joint.effects, runs.vehicle)
     of_tables: Sequence[Candidate] = ()
     if judged_rest and without_tables:
         beside = beside_tables(joint.space, without_tables, seed, progress)

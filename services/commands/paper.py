@@ -36,7 +36,9 @@ Do the paper again. Section 4: the simulated Peugeot 406, with the paper's a-pri
 steering and a sudden lift-off, the model is fitted, and tables 1 to 4 are printed beside the paper's numbers. A line is
 met when our error is no larger than the paper's own or than our 95 % half-width. Section 6: a car with the values of
 tables 5 to 7 (friction, anti-roll bars, four corners that differ) is measured with the experimental instruments, over
-their bytes; a line is met when the value put in lies in our 95 % interval, which 1 in 20 misses by chance.
+their bytes; a line is met when the value put in lies in our 95 % interval, which 1 in 20 misses by chance. Figures 4
+to 10: measurement and model of the runs used, and beside them of one held out, in validation.html of each campaign's
+folder.
 
   lacet paper                            all tables; what was driven and fitted is kept in paper-out
   lacet paper --tables simulation        tables 1 to 4 alone
@@ -98,7 +100,9 @@ def run(args: argparse.Namespace) -> int:
             if args.car != PAPER:
                 asked = [one.within for one in scored if one.within is not None]
                 print(f"In our 95 % interval, whatever the paper's error: {sum(asked)} of {len(asked)} lines.")
-            print(f"{says}\nWorst row: {where}, {ratio:.2f} times its noise floor.", flush=True)
+            beside, cross = worst_row(fitted["rows"]["held"])
+            print(f"{says}\nWorst row: {where}, {ratio:.2f} times its noise floor.")
+            print(f"Held out (cross validation): {beside}, {cross:.2f} times. Figures: {places.figures}", flush=True)
             print(f"{_laws(fitted['shapes'], truth['hidden'])}\n", flush=True)
             status = max(status, WITH_LOSSES if failed else DONE)
             results.append(_result(campaign, scored, fitted, says, failed))

@@ -29,6 +29,7 @@ from lacet.identify.validation.score import Comparison, compare
 from lacet.services.acquisition.capture import encode_rig, simulated_start, write_capture
 from lacet.services.progress import Progress, ServiceStage, ServiceStep, Stretch
 from lacet.services.reproduction.published_tables import LINES
+from lacet.services.reproduction.validation_page import validation_page
 from lacet.services.timing.usual import drives_plan, stretch
 from lacet.services.workspace.decode import decode_log
 from lacet.services.workspace.loading import load
@@ -49,8 +50,9 @@ FRICTION_SPEED = 0.005
 class Campaign:
     """One of the paper's two data sets.
 
-    `tables` of the paper that it reproduces; `manoeuvres` driven, each with its settings; `effects` beyond the base
-    model that are fitted; `wires` : whether the runs are encoded and decoded as the instruments' bytes or are tables.
+    `tables` of the paper that it reproduces; `manoeuvres` driven, each with its settings; `held` : one driven that no
+    fit uses, for cross validation; `effects` beyond the base model that are fitted; `wires` : whether the runs are
+    encoded and decoded as the instruments' bytes or are tables.
     """
 
     name: str
@@ -59,13 +61,20 @@ class Campaign:
     car: str
     rig: str
     manoeuvres: tuple[tuple[str, dict[str, Any]], ...]
+    held: tuple[str, dict[str, Any]]
     hidden: tuple[Hidden, ...]
     effects: tuple[str, ...]
     wires: bool
 
     def shortened(self, seconds: float) -> Campaign:
         """The campaign with runs of this duration [s]."""
-        return replace(self, manoeuvres=tuple((n, {**s, "duration": seconds}) for n, s in self.manoeuvres))
+        manoeuvres = tuple((n, {**s, "duration": seconds}) for n, s in self.manoeuvres)
+        return replace(self, manoeuvres=manoeuvres, held=(self.held[0], {**self.held[1], "duration": seconds}))
+
+    @property
+    def driven(self) -> tuple[tuple[str, dict[str, Any]], ...]:
+        """All that is driven, what is held out last."""
+        return (*self.manoeuvres, self.held)
 
 
 PAPER = "paper"
@@ -94,8 +103,11 @@ def campaigns_of(car: str) -> tuple[Campaign, ...]:
 def simulation() -> Campaign:
     """Section 4: sinus steering at 90 km/h and sudden deceleration without braking, nearly without noise."""
     manoeuvres = (("sinus", {"speed": 25.0, "duration": 20.0}), ("liftoff", {"duration": 20.0}))
+    held = ("spiral", {"duration": 20.0})
     about = "section 4: sinus steering at 90 km/h and sudden lift-off, a hundredth of the instruments' noise"
-    return Campaign("simulation", about, (1, 2, 3, 4), "peugeot-406", "paper-simulation", manoeuvres, (), (), False)
+    return Campaign(
+        "simulation", about, (1, 2, 3, 4), "peugeot-406", "paper-simulation", manoeuvres, held, (), (), False
+    )
 
 
 def experiment() -> Campaign:
@@ -117,7 +129,8 @@ def experiment() -> Campaign:
     )
     return Campaign(
         "experiment", "section 6: sinus steering at 90 km/h and a spiral, a minute each, experimental instruments",
-        (5, 6, 7), "peugeot-406-measured", "peugeot-406", manoeuvres, tuple(hidden),
+        (5, 6, 7), "peugeot-406-measured", "peugeot-406", manoeuvres, ("liftoff", {"duration": 30.0, "grade": "A"}),
+        tuple(hidden),
         tuple(h.name for h in hidden), True,
     )  # fmt: skip
 
@@ -145,6 +158,11 @@ class Places:
         return self.folder / "vehicle.toml"
 
     @property
+    def figures(self) -> Path:
+        """Path of the page with direct and cross validation."""
+        return self.folder / "validation.html"
+
+    @property
     def fit(self) -> Path:
         """Path of the fit's result."""
         return self.folder / "fit.json"
@@ -156,11 +174,11 @@ class Places:
 
 def reproduction_plan(campaign: Campaign, places: Places) -> list[Stretch]:
     """The plan of a campaign's reproduction: what is there already takes no time."""
-    if places.fit.is_file():
+    if places.fit.is_file() and places.figures.is_file():
         return []
-    runs = [places.run(campaign, name) for name, _ in campaign.manoeuvres]
+    runs = [places.run(campaign, name) for name, _ in campaign.driven]
     driven = places.truth.is_file() and all(file.is_file() for file in runs)
-    drives = [] if driven else drives_plan(_duration(name, more) for name, more in campaign.manoeuvres)
+    drives = [] if driven else drives_plan(_duration(name, more) for name, more in campaign.driven)
     stages = (ServiceStage.READING_RUN, ServiceStage.FITTING, Stage.NOISE_CORRECTION, ServiceStage.COMPARING)
     return [*drives, *(stretch(stage, len(runs)) for stage in stages)]
 
@@ -171,7 +189,7 @@ def _duration(name: str, settings: Mapping[str, Any]) -> tuple[str, float]:
 
 def drive_all(campaign: Campaign, places: Places, seed: int, progress: Progress) -> None:
     """Simulate what is not simulated yet: the runs, the files for identification, and apart from them the truth."""
-    runs = [places.run(campaign, name) for name, _ in campaign.manoeuvres]
+    runs = [places.run(campaign, name) for name, _ in campaign.driven]
     if places.truth.is_file() and all(file.is_file() for file in (*runs, places.rig, places.vehicle)):
         return
     car, rig = known_car(campaign.car), Rig.load(campaign.rig)
@@ -180,7 +198,7 @@ def drive_all(campaign: Campaign, places: Places, seed: int, progress: Progress)
     _write(places.rig, rig.text)
     _write(places.vehicle, text)
     truths: list[dict[str, Any]] = []
-    for index, ((name, settings), file) in enumerate(zip(campaign.manoeuvres, runs, strict=True)):
+    for index, ((name, settings), file) in enumerate(zip(campaign.driven, runs, strict=True)):
         run_seed = seed + RUN_STEP * index
 
         def driven(fraction: float, name: str = name) -> None:
@@ -214,18 +232,24 @@ def _over_wires(file: Path, motion: CarMotion, rig: Rig, vehicle: str, seed: int
 
 
 def identify(campaign: Campaign, places: Places, progress: Progress) -> dict[str, Any]:
-    """The fit of the campaign's model to its runs (as ``lacet identify --json``), stored for the next time."""
-    if places.fit.is_file():
+    """The fit of the campaign's model to its runs (as ``lacet identify --json``), stored for the next time.
+
+    With the page of its validation: measured and modelled rows of the runs used, and beside them of the one held out.
+    """
+    if places.fit.is_file() and places.figures.is_file():
         return json.loads(places.fit.read_text(encoding="utf-8"))
     files = [places.run(campaign, name) for name, _ in campaign.manoeuvres]
     loaded = load(files, places.rig, places.vehicle, progress=progress)
     fitted = fit_campaign(campaign, loaded.vehicle, loaded.reference, loaded.prepared, progress)
+    held = load([places.run(campaign, campaign.held[0])], places.rig, places.vehicle, progress=progress).prepared
     parts: list[Comparison] = []
-    for done, run in enumerate(fitted.runs):
-        step = ServiceStep(ServiceStage.COMPARING, done, len(fitted.runs), run.name, campaign=campaign.name)
+    for run in (*fitted.runs, *held):
+        step = ServiceStep(ServiceStage.COMPARING, len(parts), len(fitted.runs) + 1, run.name, campaign=campaign.name)
         progress(step)
         parts.append(compare(fitted, run, SCORE_DRAWS))
-    result = fit_result(fitted, loaded, parts)
+    *used, cross = parts
+    _write(places.figures, validation_page(campaign.about, used, cross))
+    result = fit_result(fitted, loaded, used, [cross])
     result["shapes"] = {effect.key: dict(effect.shape) for effect in fitted.model.physics if effect.shape}
     _write(places.fit, json.dumps(result, indent=1) + "\n")
     return result

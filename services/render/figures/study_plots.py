@@ -32,6 +32,13 @@ def comparison_charts(part: Comparison, rows: Sequence[Row] | None = None) -> Pa
     )
 
 
+def side_by_side_charts(left: Comparison, right: Comparison) -> Panels:
+    """The rows that both runs have, one below the other: of one run on the left, of the other on the right."""
+    rows = [row for row in left.measured if row in right.measured]
+    panels = [_row(part, row) for row in rows for part in (left, right)]
+    return Panels(f"{left.name} | {right.name}", panels, 2, (WIDTH / 2, 200.0))
+
+
 def _row(part: Comparison, row: Row) -> Panel:
     t, level = part.t[row], float(np.mean(part.measured[row]))
     score = part.scores[row]

@@ -62,9 +62,17 @@ def test_tables_1_to_4_from_short_runs_and_what_is_there_is_used_again(
     # what a fit may know holds nothing of what was put in
     folder = tmp_path / "out" / "simulation"
     assert {file.name for file in folder.iterdir()} == {
-        "sinus.parquet", "liftoff.parquet", "rig.toml", "vehicle.toml", "fit.json",
+        "sinus.parquet", "liftoff.parquet", "spiral.parquet", "rig.toml", "vehicle.toml", "fit.json", "validation.html",
     }  # fmt: skip
     assert b"stiffness" not in (folder / "vehicle.toml").read_bytes()
+    # every row of the runs used beside the same of the one held out
+    fitted = json.loads((folder / "fit.json").read_text(encoding="utf-8"))
+    (held,) = {key.partition(":")[0] for key in fitted["rows"]["held"]}
+    assert held == "spiral"
+    drawn = (folder / "validation.html").read_text(encoding="utf-8")
+    for title in ("sinus and spiral", "liftoff and spiral"):
+        assert title in drawn
+    assert drawn.count("suspension.rl [N]") == 4
     # the fit made again without the truth in reach is the same
     monkeypatch.setattr("lacet.services.reproduction.campaigns.drive", None)
     first = json.loads((folder / "fit.json").read_text(encoding="utf-8"))
