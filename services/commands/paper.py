@@ -13,6 +13,7 @@ from scipy.stats import binom
 
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, WITH_LOSSES, plain, write_result
+from lacet.daq.parts import require
 from lacet.identify.validation.score import worst_row
 from lacet.services.commands.progress import Line
 from lacet.services.progress import planned
@@ -47,7 +48,7 @@ folder.
   lacet paper --refit                    fit again (after changing lacet) what was driven before
   lacet paper --quick --out quick        runs of 8 s: a trial in a minute, with wider intervals
 
-A second call goes on where the first was stopped. Needs MuJoCo (extra sim).
+A second call goes on where the first was stopped. Needs MuJoCo (extra sim) and matplotlib (extra plots).
 Exit code 3: a line of tables 1 to 4 is missed, or more of tables 5 to 7 than chance explains."""
 
 QUICK = 8.0
@@ -73,6 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Drive, fit, score; 3 when lines are missed."""
     engine_library()
+    require("plots")
     began = time.monotonic()
     campaigns = [c for c in campaigns_of(args.car) if args.tables in (None, c.name)]
     settings = {"seed": args.seed, "quick": args.quick}

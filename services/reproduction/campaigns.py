@@ -29,7 +29,6 @@ from lacet.identify.validation.score import Comparison, compare
 from lacet.services.acquisition.capture import encode_rig, simulated_start, write_capture
 from lacet.services.progress import Progress, ServiceStage, ServiceStep, Stretch
 from lacet.services.reproduction.published_tables import LINES
-from lacet.services.reproduction.validation_page import validation_page
 from lacet.services.timing.usual import drives_plan, stretch
 from lacet.services.workspace.decode import decode_log
 from lacet.services.workspace.loading import load
@@ -248,6 +247,9 @@ def identify(campaign: Campaign, places: Places, progress: Progress) -> dict[str
         progress(step)
         parts.append(compare(fitted, run, SCORE_DRAWS))
     *used, cross = parts
+    # Only here: matplotlib takes half a second to load.
+    from lacet.services.reproduction.validation_page import validation_page
+
     _write(places.figures, validation_page(campaign.about, used, cross))
     result = fit_result(fitted, loaded, used, [cross])
     result["shapes"] = {effect.key: dict(effect.shape) for effect in fitted.model.physics if effect.shape}
