@@ -74,7 +74,8 @@ HEAD = """# How fast the workbench draws
 Written by `python -m benchmarks.workbench_draw --write`. Limits for the worst of ten: 0.5 s for the first draw, 100 ms
 for a zoom of all linked plots. Times run from the user's action (of the first draw from the question to the server) to
 the frame after the one in which the picture was drawn, so that each holds at least 17 ms of waiting. The reference load
-is a fixed loop in the page, which is slower when the machine is busy; CPU is the time of the page's main thread.
+is a fixed loop in the page, which is slower when the machine is busy; CPU is the time of the page's main thread, of a
+zoom by a frame drawn with the mouse ("zoom: … to …") that of its six moves, too, which set the cursor in all plots.
 """
 FOOT = """The plots are first drawn from an overview, all channels in one answer; all samples follow in a second one
 ([decision](../decisions/channels-on-the-page.md)). Plots more than 400 px out of sight are drawn when the browser is
