@@ -107,8 +107,8 @@ def chow_test_in_model(space: ScoreTests, law: AddedLaw, without: Sequence[Added
     gone = [i for other in without for i in other.places]
     theta = np.zeros(width)
     fit = space.fitted.theta[space.fitted.place]
-    for i in (*law.places, *gone):
-        theta[i] = fit[i]
+    for one in (law, *without):
+        theta[list(one.places)] = fit[list(one.places)] + one.removed
     right = columns.copy()
     right[:, inside.sums.layout.right] += columns @ theta
     own = space.tolerances_of(law.sheet_entries)

@@ -51,7 +51,7 @@ from lacet.identify.selection.laws.described import Described, described
 from lacet.identify.selection.laws.encompassing import only_encompassing
 from lacet.identify.selection.laws.formulas import Formula, propose
 from lacet.identify.selection.relinearisation import latencies_beside, relinearised_tests
-from lacet.identify.selection.rest import Rest, added_faults
+from lacet.identify.selection.rest import Rest
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.selection.tolerance_tests import ToleranceUse
@@ -382,7 +382,7 @@ def _not_constant(
 ) -> dict[str, ParameterConstancy]:
     """Chow tests that reject an effect found, beside those not rejected; a law belongs to the car."""
     out: dict[str, ParameterConstancy] = {}
-    standing, laws = list(found), {law.key: law for law in (*joint.laws, *added_faults(joint.space))}
+    standing, laws = list(found), {law.key: law for law in (*joint.laws, *joint.faults)}
     # Where more remains than a selected law may be inexact, the law may stand in for it: it must then hold in each run
     # as well as it may be inexact there, also where a run shows little of it.
     doubted = {

@@ -36,6 +36,7 @@ class AddedLaw:
     sheet_entries : entries of the sensor sheet for the same error, of a sensor fault.
     describes : whether it only describes a force of unknown cause.
     looks_like : names of the laws that it is confounded with by construction.
+    removed : what of the value was removed from the runs before the fit, of a sensor fault.
     """
 
     key: str
@@ -49,6 +50,7 @@ class AddedLaw:
     sheet_entries: frozenset[tuple[str, str]] = frozenset()
     describes: bool = False
     looks_like: tuple[str, ...] = ()
+    removed: float = 0.0
 
     @property
     def rows(self) -> frozenset[Row]:
@@ -61,9 +63,12 @@ def added_laws(space: ScoreTests) -> tuple[AddedLaw, ...]:
     return _added(space, space.fitted.model.physics, space.regression, space.null)
 
 
-def added_faults(space: ScoreTests) -> tuple[AddedLaw, ...]:
-    """The sensor faults in the fit of `space`, in the same form: their force is what they change in the rows."""
-    return _added(space, space.fitted.model.faults, space.regression, space.null)
+def added_faults(space: ScoreTests, removed: Mapping[str, float]) -> tuple[AddedLaw, ...]:
+    """The sensor faults in the fit of `space`, in the same form: their force is what they change in the rows.
+
+    `removed` : size by key of what was removed from the runs before the fit, which has the rest of it.
+    """
+    return _added(space, space.fitted.model.faults, space.regression, space.null, removed)
 
 
 def laws_on_rows(space: ScoreTests, rows: Collection[Row]) -> tuple[AddedLaw, ...]:
@@ -88,8 +93,13 @@ class Departure:
     force: float
 
 
-def departures_on_rows(space: ScoreTests, effects: Sequence[Effect], rows: Collection[Row]) -> tuple[Departure, ...]:
-    """The change that some rows alone want of each of these effects in the fit of `space`, whatever else is changed."""
+def departures_on_rows(
+    space: ScoreTests, effects: Sequence[Effect], rows: Collection[Row], removed: Mapping[str, float]
+) -> tuple[Departure, ...]:
+    """The change that some rows alone want of each of these effects in the fit of `space`, whatever else is changed.
+
+    `removed` : as in `added_faults`.
+    """
     estimate = _Estimate.of(space, *space.on_rows(rows))
     fitted = space.fitted
     out: list[Departure] = []
@@ -97,7 +107,7 @@ def departures_on_rows(space: ScoreTests, effects: Sequence[Effect], rows: Colle
         at = estimate.places(effect)
         if at:
             normal = np.linalg.inv(estimate.spread[np.ix_(at, at)])
-            drawn, size = estimate.drawn[at], fitted.theta[fitted.place][at]
+            drawn, size = estimate.drawn[at], fitted.theta[fitted.place][at] + removed.get(effect.key, 0.0)
             null = np.einsum("kd,kd->d", drawn, normal @ drawn)
             change = estimate.change[at]
             out.append(Departure(effect.key, float(change @ normal @ change), null, float(size @ normal @ size)))
@@ -130,8 +140,9 @@ class _Estimate:
 
 
 def _added(
-    space: ScoreTests, effects: Sequence[Effect], known: PartialRegression, simulated: Array
-) -> tuple[AddedLaw, ...]:
+    space: ScoreTests, effects: Sequence[Effect], known: PartialRegression, simulated: Array,
+    removed: Mapping[str, float] | None = None,
+) -> tuple[AddedLaw, ...]:  # fmt: skip
     fitted, estimate = space.fitted, _Estimate.of(space, known, simulated)
     model, turn = known.sums.layout.model, known.sums.turn
     spread, drawn = estimate.spread, estimate.drawn
@@ -143,21 +154,22 @@ def _added(
         at = estimate.places(effect)
         if not at:
             continue
-        own = np.zeros(len(estimate.names))
-        own[at] = theta[at]
+        gone = (removed or {}).get(effect.key, 0.0)
+        values, own = theta[at] + gone, np.zeros(len(estimate.names))
+        own[at] = values
         whole = np.zeros((known.sums.layout.width, 1))
         whole[:model, 0] = np.linalg.solve(turn, own)
         squares = {row: float(one.squares_of(whole)[0]) for row, one in known.sums.over_runs.rows.items()}
         normal = np.linalg.inv(spread[np.ix_(at, at)])
-        force = float(theta[at] @ normal @ theta[at])
+        force = float(values @ normal @ values)
         null = np.einsum("kd,kd->d", drawn[at], normal @ drawn[at])
         acting = {row: a for row, a in squares.items() if effect.acts_on(row)}
         half = SELECTION.interval_quantile * np.sqrt(np.diag(spread)[at])
-        wrong = effect.implausible(theta[at], half) if len(at) == len(effect.parameters) else None
+        wrong = effect.implausible(values, half) if len(at) == len(effect.parameters) else None
         out.append(
             AddedLaw(
-                effect.key, effect.name, theta[at], tuple(at), force, null, acting, wrong, effect.sheet_entries,
-                effect.describes, effect.looks_like,
+                effect.key, effect.name, values, tuple(at), force, null, acting, wrong, effect.sheet_entries,
+                effect.describes, effect.looks_like, gone,
             )
         )  # fmt: skip
     return tuple(out)

@@ -86,9 +86,7 @@ class FitAt:
     def fit(self, run: SingleRun) -> Fit:
         """The fit, on one run alone; its residual is not computed."""
         found = self.where.linearised(run)
-        x, removed = self.fitted.solution, self.fitted.removed
-        x[len(x) - len(removed) :] -= removed
-        (zeros,) = found.equations.zeros(x, self.fitted.sigma)
+        (zeros,) = found.equations.zeros(self.fitted.solution, self.fitted.sigma)
         (equations,) = found.equations.runs
         return Fit(
             **{**_values(self.fitted), "model": run.model}, runs=found.assembly.runs, residual=(),

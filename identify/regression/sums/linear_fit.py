@@ -341,8 +341,10 @@ class FittedModel:
 
     @property
     def solution(self) -> Array:
-        """(q,) values of the parameters in the equations."""
-        return self.theta[self.place]
+        """(q,) values of the parameters in the equations; of sensor faults what remains in the runs without them."""
+        out = self.theta[self.place]
+        out[len(out) - len(self.removed) :] -= self.removed
+        return out
 
     @property
     def physics(self) -> Array:

@@ -65,6 +65,11 @@ class Joint:
         return tuple(effect.key for effect in self.effects)
 
     @property
+    def faults(self) -> tuple[AddedLaw, ...]:
+        """Sensor faults found, in the form of laws, with what was removed from the runs before."""
+        return added_faults(self.space, self.sizes)
+
+    @property
     def fit(self) -> Fit:
         """A new fit with all of them; only where runs can be fitted here."""
         assert self.base is not None
@@ -153,20 +158,11 @@ def only_plausible(joint: Joint, seed: int, progress: Progress = silent) -> Join
     It looks like something else, with which its size would be another.
     """
     while True:
-        found = [one for one in (*joint.laws, *added_faults(joint.space)) if one.key in joint.keys]
-        wrong = _weakest([one for one in found if _is_implausible(one, joint)])
+        found = [one for one in (*joint.laws, *joint.faults) if one.key in joint.keys]
+        wrong = _weakest([one for one in found if one.implausible is not None])
         if wrong is None:
             return joint
         joint = without_effects(joint, [wrong.key], seed, progress)
-
-
-def _is_implausible(found: AddedLaw, joint: Joint) -> bool:
-    """Whether no car or sensor has an effect at its size; that of a fault with what was removed from the runs."""
-    removed = joint.sizes.get(found.key)
-    if removed is None:
-        return found.implausible is not None
-    half = SELECTION.interval_quantile * np.abs(found.values) / max(np.sqrt(found.force), 1.0)
-    return joint.first.effects[found.key].implausible(found.values + removed, half) is not None
 
 
 def not_part_of_the_rest(joint: Joint, rest: Rest, seed: int, progress: Progress = silent) -> tuple[Joint, Rest]:
@@ -178,7 +174,7 @@ def not_part_of_the_rest(joint: Joint, rest: Rest, seed: int, progress: Progress
     """
     before = joint
     while rest.unlisted:
-        found = [one for one in (*joint.laws, *added_faults(joint.space)) if one.key in joint.keys]
+        found = [one for one in (*joint.laws, *joint.faults) if one.key in joint.keys]
         elsewhere = _not_standing_elsewhere(joint, rest, before.space)
         worst = _weakest([one for one in found if one.force <= rest.beside(one) or one.key in elsewhere])
         if worst is None:

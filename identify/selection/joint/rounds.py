@@ -202,7 +202,7 @@ def without_denied_faults(
     space = joint.space
     denied = {
         one.key
-        for one in departures_on_rows(space, found, rows)
+        for one in departures_on_rows(space, found, rows, joint.sizes)
         if space.family_wise_of(one.squares, one.null) <= SELECTION.level(space.draws)
         and one.squares > SELECTION.selected_inexactness**2 * one.force
     }

@@ -7,8 +7,11 @@ import pytest
 
 from lacet.identify.effects.base import SensorFault
 from lacet.identify.regression.sums.prepared_runs import recording_without_faults
-from lacet.identify.regression.wls import FitOptions, extended, fit
+from lacet.identify.regression.wls import Fit, FitOptions, extended, fit, refitted
+from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
+from lacet.identify.selection.rest import AddedLaw, added_faults, departures_on_rows
+from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.signals.reconstruct import Recording
 from lacet.identify.validation.noise_floor import floor_of
 from lacet.services.render.verdicts import says
@@ -72,3 +75,33 @@ def test_the_fit_beside_the_fault_is_as_the_one_before():
     assert robust.options.robust
     assert robust.assembly.zeros
     assert np.any(robust.correction)
+
+
+def test_a_fault_removed_from_the_runs_is_judged_by_all_of_it():
+    """By the size that it had, in its own fit and in one of the runs without it; what remains of it is next to none."""
+    fault = KNOWN[HUB]
+    first = extended(fit_of(driven(scaled(exact(), 0.05), 1)), [fault])
+    again = refitted(first, first.runs)
+    size = first.value(f"{HUB}.g")
+    assert size == pytest.approx(0.05, rel=0.1)
+    assert abs(again.value(f"{HUB}.g")) < 0.1 * size
+
+    def judged(fitted: Fit, removed: dict[str, float]) -> tuple[AddedLaw, float]:
+        space = ScoreTests.of(Linearisation.of(fitted, floor_of(fitted, DRAWS)), [KNOWN["coulomb.rear"]], 0)
+        rows = [row for row in space.sums.over_runs.rows if row.kind == "suspension"]
+        (change,) = departures_on_rows(space, [fault], rows, removed)
+        (law,) = added_faults(space, removed)
+        return law, change.force
+
+    whole, other = judged(first, {}), judged(again, {HUB: size})
+    assert whole[0].values[0] == pytest.approx(size, rel=0.1)
+    assert other[0].values[0] == pytest.approx(whole[0].values[0], rel=0.02)
+    assert other[0].force == pytest.approx(whole[0].force, rel=0.05)
+    assert other[1] == pytest.approx(whole[1], rel=0.05)
+    assert whole[0].force > 1e3
+    for fitted in (first, again):
+        for piece in fitted.assembly.pieces():
+            zeros = fitted.zeros[piece.run][2]
+            for row, measured in piece.right.items():
+                direct = measured - piece.blocks[row] @ np.concatenate([zeros, fitted.solution])
+                np.testing.assert_allclose(direct, fitted.residual[piece.run][row], atol=1e-6 * np.ptp(measured))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
@@ -275,7 +275,7 @@ def test_a_fault_that_explains_no_more_than_is_unlisted_in_its_main_row_is_no_na
     tests = ScoreTests.of(Linearisation.of(fitted, subset.space.floor.redrawn(fitted)), [KNOWN["coulomb.rear"]], 0)
     joint = beside_of(replace(subset, added=(*subset.added, fault), effects=(*subset.effects, fault)), tests)
     assert fault.key not in {law.key for law in joint.laws}
-    (own,) = added_faults(joint.space)
+    (own,) = added_faults(joint.space, {})
     row = max(own.row_force, key=lambda row: own.row_force[row])
     rest = Rest.of(joint.space, joint.laws)
     for much, names in ((0.5, set(joint.keys)), (2.0, set(joint.keys) - {fault.key})):
@@ -367,7 +367,7 @@ def test_what_some_rows_want_changed_is_their_own_estimate_less_that_of_all(subs
     space = subset.space
     rows = [row for row in space.sums.over_runs.rows if row.kind == "suspension"]
     laws = {law.key: law for law in laws_on_rows(space, rows)}
-    for one in departures_on_rows(space, subset.effects, rows):
+    for one in departures_on_rows(space, subset.effects, rows, {}):
         law = laws[one.key]
         size = space.fitted.solution[list(law.places)]
         normal = law.force / float(law.values @ law.values)
@@ -392,7 +392,9 @@ def test_beside_a_rest_a_fault_that_rows_of_other_kinds_want_back_is_no_name(
     assert without_denied_faults(joint, replace(rest, unlisted=()), 0)[0] is joint
     asked: list[object] = []
 
-    def departures(space: ScoreTests, effects: Sequence[Effect], rows: Sequence[Row]) -> list[Departure]:
+    def departures(
+        space: ScoreTests, effects: Sequence[Effect], rows: Sequence[Row], removed: Mapping[str, float]
+    ) -> list[Departure]:
         asked.append([effect.key for effect in effects])
         assert rows
         assert all(row.kind != "chassis" for row in rows)
@@ -463,7 +465,7 @@ def test_a_fault_of_a_size_that_no_sensor_has_is_not_found(
     """Its size is what was removed from the runs and what remains in the fit: a scale of 1 + 1.1 is none."""
     gain = KNOWN["sensor_gain.hub.fl"]
     fault = replace(subset.laws[0], key=gain.key, values=np.array([0.01]), force=100.0, implausible=None)
-    monkeypatch.setattr("lacet.identify.selection.joint.refits.added_faults", lambda _: (fault,))
+    monkeypatch.setattr("lacet.identify.selection.joint.refits.added_faults", lambda *_: (fault,))
     monkeypatch.setattr("lacet.identify.selection.joint.refits.without_effects", lambda *_: subset)
     joint = replace(subset, effects=(*subset.effects, gain), sizes={gain.key: removed})
     assert (only_plausible(joint, 0) is joint) == stands
