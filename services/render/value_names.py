@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection, Mapping
+from typing import Any
 
 from lacet.identify.car.car_tree import AXLE, CHASSIS, FIRST_JOINT, WHEEL
 from lacet.services.render.effect_text import effect_label
@@ -100,3 +102,12 @@ def _rigid(kind: str, number: int) -> str:
             if own == number:
                 return f"{what} {CORNER_WORDS[corner]}: {words[kind]}"
     return f"{_RIGID[kind]} of body {number}"
+
+
+def summed(parameter: Mapping[str, Any], added: Collection[str]) -> str:
+    """The sum that the value of an added effect's parameter is, with the other parameters in it.
+
+    Empty where the runs show the parameter alone, and for parameters of the base model: their groups are the paper's.
+    """
+    alone = parameter["group"] == parameter["name"]
+    return "" if alone or parameter["effect"] not in added else str(parameter["group"])

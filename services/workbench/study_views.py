@@ -20,7 +20,7 @@ from lacet.services.render.effect_text import effect_label
 from lacet.services.render.row_sources import HEAD, sources_lines
 from lacet.services.render.rows import ERROR_MEANINGS, error_summary, row_label, with_verdict
 from lacet.services.render.units import unit_text
-from lacet.services.render.value_names import parameter_name
+from lacet.services.render.value_names import parameter_name, summed
 from lacet.services.render.verdict_card import manoeuvre, verdict_card
 from lacet.services.workbench.packed_arrays import packed
 from lacet.services.workbench.refusals import NotThere
@@ -209,6 +209,7 @@ def parameters_payload(study: Study, number: int | None) -> dict[str, Any]:
                 {
                     **p,
                     "label": parameter_name(p["name"], p["effect"])[0],
+                    "sum": summed(p, version.effects),
                     "unit": unit_text(p["unit"]),
                     "apriori": apriori[p["name"]].value if p["name"] in apriori else None,
                     "apriori_source": apriori[p["name"]].source if p["name"] in apriori else None,

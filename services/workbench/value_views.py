@@ -11,7 +11,7 @@ from lacet.daq.formats.result import plain
 from lacet.services.render.effect_text import effect_label
 from lacet.services.render.terms import TERMS
 from lacet.services.render.units import TRAVEL, TRAVEL_RATE, unit_text
-from lacet.services.render.value_names import derived_name, parameter_name
+from lacet.services.render.value_names import derived_name, parameter_name, summed
 from lacet.services.workspace.study import Study
 
 _PLACES = (*CORNERS, "front", "rear")
@@ -33,6 +33,7 @@ def values_payload(study: Study, number: int | None, against: int | None) -> dic
             "parameters": [
                 {
                     **_named(p),
+                    "sum": summed(p, version.effects),
                     "apriori": apriori[p["name"]].value if p["name"] in apriori else None,
                     **_beside(p, _by_name(other.get("parameters"))),
                 }

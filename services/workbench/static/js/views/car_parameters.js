@@ -48,7 +48,7 @@ export function parameterTable(app, kept) {
   function line(p, beside) {
     return h("tr", { data: { parameter: p.name } },
       h("th", { scope: "row", title: [p.effect, p.group && `stands for ${p.group}`].filter(Boolean).join("; "), text: p.label }),
-      h("td", { class: "code", title: p.name, text: p.symbol }),
+      h("td", { class: "code", title: p.name, text: p.sum || p.symbol }),
       h("td", { class: "num strong", text: number(p.value, half(p)) }),
       h("td", { class: "num", text: `± ${number(half(p), half(p))}` }),
       h("td", { text: p.unit || "–" }),

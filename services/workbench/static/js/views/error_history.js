@@ -253,7 +253,7 @@ export async function show(root, app) {
             "th",
             { scope: "row", title: p.group && p.group !== p.name ? `stands for ${p.group}` : null },
             `${p.label} `,
-            h("span", { class: "muted code", text: p.name }),
+            h("span", { class: "muted code", text: p.sum || p.name }),
           ),
           h("td", { class: "muted of-effect", text: p.effect }),
           h("td", { class: "num strong", text: number(p.value, half(p)) }),
