@@ -99,6 +99,8 @@ def test_a_fault_removed_from_the_runs_is_judged_by_all_of_it():
     assert other[0].force == pytest.approx(whole[0].force, rel=0.05)
     assert other[1] == pytest.approx(whole[1], rel=0.05)
     assert whole[0].force > 1e3
+    assert whole[0].implausible is other[0].implausible is None
+    assert judged(again, {HUB: 1.1})[0].implausible is not None
     for fitted in (first, again):
         for piece in fitted.assembly.pieces():
             zeros = fitted.zeros[piece.run][2]

@@ -465,7 +465,13 @@ def test_a_fault_of_a_size_that_no_sensor_has_is_not_found(
     """Its size is what was removed from the runs and what remains in the fit: a scale of 1 + 1.1 is none."""
     gain = KNOWN["sensor_gain.hub.fl"]
     fault = replace(subset.laws[0], key=gain.key, values=np.array([0.01]), force=100.0, implausible=None)
-    monkeypatch.setattr("lacet.identify.selection.joint.refits.added_faults", lambda *_: (fault,))
+
+    def faults(_: ScoreTests, gone: Mapping[str, float]) -> tuple[AddedLaw, ...]:
+        return (
+            replace(fault, implausible=gain.implausible(fault.values + gone.get(gain.key, 0.0), np.array([0.001]))),
+        )
+
+    monkeypatch.setattr("lacet.identify.selection.joint.refits.added_faults", faults)
     monkeypatch.setattr("lacet.identify.selection.joint.refits.without_effects", lambda *_: subset)
     joint = replace(subset, effects=(*subset.effects, gain), sizes={gain.key: removed})
     assert (only_plausible(joint, 0) is joint) == stands
