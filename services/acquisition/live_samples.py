@@ -13,7 +13,7 @@ from lacet.daq.bus.spool import BLOCK_RATE, MOST_BLOCKS
 from lacet.daq.channels import CHANNELS
 from lacet.daq.formats.wire import StartRecord, WireError, block_from_bytes, start_from_bytes
 from lacet.daq.set_aside import DiskSpace, free_bytes
-from lacet.services.acquisition.assembly import AHEAD, REQUEST
+from lacet.services.acquisition.assembly import AHEAD, REQUEST, recorded_axes
 from lacet.services.acquisition.block_store import BlockStore
 from lacet.services.acquisition.log_medium import RESERVE_BYTES
 
@@ -52,6 +52,7 @@ class LiveSamples:
         self._channels: dict[str, BlockStore] = {}
         self._wanted: list[tuple[str, int, int]] = []
         self._asked: tuple[str, int] | None = None
+        self._sought = False
 
     def blocks(self, from_ns: int = 0, to_ns: int = EVER) -> dict[str, Block]:
         """Channel → its samples in the order of their blocks, without blocks that end before or begin after [ns]."""
@@ -84,12 +85,15 @@ class LiveSamples:
                 self._take_live(message)
             elif message.kind == "blocks":
                 for number, body in unpack_blocks(message):
-                    self._store(message.name, number, block_from_bytes(body)[0])
+                    block = block_from_bytes(body)[0]
+                    self._store(message.name, number, block)
+                    self.latest_ns = max(self.latest_ns, *block.t_ns[-1:].tolist())
             elif message.kind == "answered":
-                self._asked = None
+                self._go_on()
             elif message.kind == "ledger":
                 found = json.loads(message.payload)
                 self.ledger = found if isinstance(found, dict) else {}
+                self._seek()
         except (WireError, ValueError, RecursionError):
             pass
         self._ask()
@@ -122,6 +126,19 @@ class LiveSamples:
                 self.full = self.full or free_bytes() < LEAST_FREE
         except OSError:
             self.full = True
+
+    def _seek(self) -> None:
+        """Ask for what the rig's sensors sent before, of a run whose sensors are all silent since this is here."""
+        if self._channels or self._dropped or self._sought or self.start is None:
+            return
+        self._sought = True
+        self._wanted += [(name, 0, REQUEST - 1) for name in recorded_axes(self.start)]
+
+    def _go_on(self) -> None:
+        """After an answer that had all blocks asked for, ask for those after them, of sensors that are silent."""
+        (name, first), self._asked = self._asked or ("", 0), None
+        if self._sought and name in self._channels and self._channels[name].end >= first + REQUEST:
+            self._wanted.append((name, first + REQUEST, first + 2 * REQUEST - 1))
 
     def _ask(self) -> None:
         """Ask for what was missed, one request at a time."""

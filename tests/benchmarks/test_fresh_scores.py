@@ -183,10 +183,15 @@ def test_a_trials_record_is_one_line_and_what_failed_is_kept(tmp_path: Path, mon
 
 def test_what_lacet_wrote_is_read(tmp_path: Path) -> None:
     def version(number: int, effects: dict[str, Any], ratio: float) -> None:
-        result = {"parameters": [
-            {"effect": "coulomb.front", "name": "coulomb.front.f", "value": 40.0, "half95_sheet": 2.0},
-                                 {"effect": "spring.fl", "name": "spring.fl.k", "value": 2e4, "half95_sheet": 9.0}],
-                  "rows": {"held": {"kerb": {"chassis.fx": {"ratio": ratio}}}}}  # fmt: skip
+        parameters = [
+            {"effect": effect, "name": name, "group": group, "value": value, "half95_sheet": half}
+            for effect, name, group, value, half in (
+                ("coulomb.front", "coulomb.front.f", "coulomb.front.f", 40.0, 2.0),
+                ("coulomb.front", "coulomb.front.g", "coulomb.front.g + coulomb.rear.g", 50.0, 3.0),
+                ("spring.fl", "spring.fl.k", "spring.fl.k", 2e4, 9.0),
+            )
+        ]
+        result = {"parameters": parameters, "rows": {"held": {"kerb": {"chassis.fx": {"ratio": ratio}}}}}
         text = json.dumps({"effects": effects, "result": result})
         (tmp_path / "versions" / f"{number:03d}.json").write_text(text, encoding="utf-8")
 

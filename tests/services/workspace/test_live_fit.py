@@ -23,6 +23,7 @@ from lacet.identify.regression.wls import fit
 from lacet.identify.validation.parameter_estimates import estimates
 from lacet.identify.validation.score import compare
 from lacet.services.acquisition import block_store, live_samples
+from lacet.services.acquisition.assembly import recorded_axes
 from lacet.services.acquisition.live_samples import LEAST_FREE, LiveSamples, marks_set, sensor_states
 from lacet.services.render.live_fit import still_needed
 from lacet.services.workspace import live_fit, live_follow
@@ -247,6 +248,28 @@ def test_what_was_missed_is_asked_for(log: Path):
         {"name": "imu", "state": "stuck", "detail": ""}
     ]
     assert marks_set({"marks": [{"t_ns": 3_000_000_000, "text": "a\x1b"}, 7, {}]}, 0) == [{"text": "a", "seconds": 3.0}]
+
+
+def test_what_sensors_sent_before_they_fell_silent_is_asked_for(log: Path, monkeypatch: pytest.MonkeyPatch):
+    """Channel by channel, as long as an answer has all that was asked for; once only."""
+    monkeypatch.setattr("lacet.services.acquisition.live_samples.REQUEST", 5)
+    car = _Recording(log)
+    names = list(recorded_axes(car.reader.start))
+    for _ in range(2):
+        car.samples.take(Message(KEYS, "ledger", "", 0, b"{}"))
+    assert car.bus.asked == [(names[0], 0, 4)]
+    sent = {name: list(_batches(block)) for name, block in car.reader.blocks().items()}
+    while not car.samples.whole:
+        name, first, last = car.bus.asked[-1]
+        part = list(enumerate(sent.get(name, [])))[first : last + 1]
+        bodies = [block_to_bytes(block, number, "") for number, block in part]
+        body = b"".join(LENGTH.pack(len(one)) + one for one in bodies)
+        car.samples.take(Message(KEYS, "blocks", name, first, body, True))
+        car.samples.take(Message(KEYS, "answered", name, first, b"", True))
+    found = car.samples.blocks()
+    for name, block in car.reader.blocks().items():
+        np.testing.assert_array_equal(found[name].values, block.values)
+    assert car.samples.latest_ns == max(int(block.t_ns[-1]) for block in found.values())
 
 
 def test_a_recording_whose_sensors_are_silent_is_heard(log: Path):
