@@ -9,6 +9,7 @@ from typing import Any
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.selection.candidate import Answer
+from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.score import RowError, RowScore
 from lacet.services.render.effect_text import effect_label
 from lacet.services.render.intervals import with_interval
@@ -50,7 +51,7 @@ def verdict_card(diagnosis: Mapping[str, Any], effects: Mapping[str, Effect]) ->
             lines.append(("", f"Beside it something unlisted remains in {_rows(diagnosis['unlisted_rows'])}"))
     elif diagnosis["verdict"] == "nothing missing":
         title = f"Nothing missing that these runs can show, {len(untestable)} effects untestable"
-        lines = list[tuple[str, str]]()
+        lines = [("error", _by_tolerances(diagnosis))]
     else:
         title = "Something is missing that the catalogue does not have"
         rows = diagnosis["unlisted_rows"]
@@ -146,6 +147,15 @@ def _why_out(c: Mapping[str, Any], best: Mapping[str, Any] | None) -> str:
     if c["answer"] == Answer.STANDS_IN and c.get("stands_for"):
         return f"stands for {c['stands_for']}"
     return _OUT.get(Answer(c["answer"]), c["answer"])
+
+
+def _by_tolerances(diagnosis: Mapping[str, Any]) -> str:
+    """What the sensors' tolerances explain of the worst row; empty where it is little, or was not stored."""
+    rows, tolerated = diagnosis["rows"], diagnosis.get("tolerated", {})
+    row = max(rows, key=lambda row: rows[row], default="")
+    if row not in tolerated or rows[row] < SELECTION.reported_row_ratio:
+        return ""
+    return f"{row} {rows[row]:.2f} → {tolerated[row]:.2f} once the rig file is right: lacet check"
 
 
 def _showing(untestable: Sequence[str], effects: Mapping[str, Effect]) -> list[dict[str, Any]]:

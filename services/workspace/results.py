@@ -174,6 +174,7 @@ def diagnosis_result(d: Diagnosis) -> dict[str, Any]:
             "maybe": list(d.maybe),
             "candidates": [candidate_result(d, c) for c in d.candidates],
             "rows": dict(d.ratios),
+            "tolerated": dict(d.grounds.ratios),
             "excess": d.excess,
             "explained": d.explained,
             "draws": d.draws,

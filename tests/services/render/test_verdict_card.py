@@ -81,6 +81,16 @@ def test_nothing_missing_says_which_runs_would_show_the_rest():
     assert card["out"] == [{"effect": "coulomb.rear", "why": "chance"}]
 
 
+@pytest.mark.parametrize(("ratio", "said"), [(2.164, "chassis.fy 2.16 → 1.06 once the rig file is right"), (1.2, "")])
+def test_nothing_missing_says_what_of_the_error_the_sensors_may_be_off_by(ratio: float, said: str):
+    rows = {"chassis.fy": ratio, "tyre.fl": 1.1}
+    found = diagnosis("nothing missing", candidate("coulomb.rear", "not needed"), rows=rows)
+    assert texts(verdict_card(found, EFFECTS)) == []  # of a lacet that did not store it
+    card = verdict_card({**found, "tolerated": {"chassis.fy": 1.0553, "tyre.fl": 1.0}}, EFFECTS)
+    assert texts(card) == ([f"{said}: lacet check"] if said else [])
+    assert words_of(card) <= MOST_WORDS
+
+
 def test_a_cause_that_is_not_listed_names_the_worst_row():
     card = verdict_card(
         diagnosis("unlisted cause", candidate("coulomb.rear", "undecided"), unlisted_rows=["suspension.fl"]), EFFECTS
