@@ -84,6 +84,6 @@ def slope_errors(corner: Corner, signals: Signals) -> SlopeErrors | None:
 def compliance_factor(corner: Corner, signals: Signals) -> Array | float:
     """(N,) the compliance ÷ that of the corner's table."""
     parts = _parts(COMPLIANCE, corner, signals.assumed)
-    if not any(name.startswith(f"{COMPLIANCE}.{corner.name}") for name in signals.assumed):
+    if f"{COMPLIANCE}.{corner.name}" not in signals.assumed:
         parts.append(np.ones((1, 1)))
     return np.sum(parts, axis=0)[0]

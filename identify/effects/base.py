@@ -272,6 +272,18 @@ class PhysicalEffect(Effect):
         return {row: np.asarray(values) @ columns for row, columns in self.columns(motion).items()}
 
 
+K = TypeVar("K")
+
+
+def sum_by_row(parts: Iterable[Mapping[K, Array]]) -> dict[K, Array]:
+    """Sums of several tables row → array; a row that some lack is the sum of the others'."""
+    out: dict[K, Array] = {}
+    for rows in parts:
+        for row, array in rows.items():
+            out[row] = out[row] + array if row in out else array
+    return out
+
+
 def columns_by_row(effect: PhysicalEffect, motion: Motion) -> dict[Row, Array]:
     """Regressor columns of an effect, row → (p, N), 0 for parameters whose value the motion knows.
 

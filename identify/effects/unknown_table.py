@@ -16,7 +16,7 @@ from typing import Self
 from lacet.daq.channels import other_corner
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import Parameter, PhysicalEffect
+from lacet.identify.effects.base import Parameter, PhysicalEffect, sum_by_row
 from lacet.identify.effects.suspension.centre_slopes import AntiDive, CentreSlope, Jacking
 from lacet.identify.effects.suspension.wheel_turn import CamberChange, ToeChange, WheelTurn
 from lacet.identify.multibody.vectors import Array
@@ -69,16 +69,14 @@ class TableTerm(PhysicalEffect):
 
     def columns(self, motion: Motion) -> dict[str, Array]:
         """Those of the slope, with what this term follows in the place of the travel."""
-        out: dict[str, Array] = {}
-        for c in self.corners():
-            s = motion.corners[c].travel
-            if self.by is By.RISE:
-                moved, slope, shift = c, s, 0.5 * s**2
-            else:
-                moved, slope, shift = other_corner(c), 1.0, motion.corners[other_corner(c)].travel
-            for row, column in self.slope.moved(motion, c, moved, slope, shift).items():
-                out[row] = out[row] + column if row in out else column
-        return out
+        return sum_by_row(self._of_corner(motion, c) for c in self.corners())
+
+    def _of_corner(self, motion: Motion, corner: str) -> dict[str, Array]:
+        if self.by is By.RISE:
+            s = motion.corners[corner].travel
+            return self.slope.moved(motion, corner, corner, s, 0.5 * s**2)
+        other = other_corner(corner)
+        return self.slope.moved(motion, corner, other, 1.0, motion.corners[other].travel)
 
 
 def table_terms(axle: str) -> list[PhysicalEffect]:

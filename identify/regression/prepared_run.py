@@ -21,7 +21,7 @@ from lacet.identify.car.measured_rows import MeasuredRows
 from lacet.identify.car.motion import GroundLaserOffset, Motion
 from lacet.identify.car.rows import ROWS, Row
 from lacet.identify.car.sources.completion import completed
-from lacet.identify.effects.base import Effect, PhysicalEffect
+from lacet.identify.effects.base import Effect, PhysicalEffect, sum_by_row
 from lacet.identify.effects.user_files import checked_columns, is_own
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sensitivity import Sensitivity
@@ -271,7 +271,7 @@ class PreparedRun:
         found = self.decimated_each(checked_columns(part, self.motion) for part in missing.values())
         self._columns |= zip(missing, found, strict=True)
         for key, some in made_of.items():
-            self._columns[key] = _added([self._columns[part] for part, _ in some])
+            self._columns[key] = sum_by_row([self._columns[part] for part, _ in some])
 
     def each_column(self, effects: Sequence[PhysicalEffect]) -> list[Mapping[Row, Array]]:
         """`columns` of each of the effects."""
@@ -369,15 +369,6 @@ class PreparedRun:
 def _parts(effect: PhysicalEffect) -> Sequence[PhysicalEffect]:
     """The `parts` of an effect; a user's law may ask where it is, and stays whole."""
     return (effect,) if is_own(type(effect)) else effect.parts()
-
-
-def _added(parts: Sequence[Mapping[Row, Array]]) -> dict[Row, Array]:
-    """Columns of an effect, the sums of its parts': all parts act on the rows of the body."""
-    out: dict[Row, Array] = {}
-    for rows in parts:
-        for row, columns in rows.items():
-            out[row] = out[row] + columns if row in out else columns
-    return out
 
 
 def column_key(effect: Effect) -> ColumnKey:

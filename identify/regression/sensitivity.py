@@ -7,7 +7,7 @@ multiplications: sensor zeros, gains and latencies become columns, and the noise
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,7 +21,7 @@ from lacet.identify.car.measured_rows import MeasuredRows
 from lacet.identify.car.motion import Motion
 from lacet.identify.car.rows import Row
 from lacet.identify.car.table_errors import corners_of
-from lacet.identify.effects.base import AXLES, PhysicalEffect, SensorFault, free_parameters, with_places
+from lacet.identify.effects.base import AXLES, PhysicalEffect, SensorFault, free_parameters, sum_by_row, with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import derivative
 from lacet.identify.signals.noise_draws import draw_noise, draw_noises
@@ -292,21 +292,12 @@ def _by_tables(recording: Recording, effects: Sequence[PhysicalEffect], theta: A
     some = recording.at(slice(None, None, step))
     found = _by_inputs(some, effects, theta, inputs)
     for name, parts in sums.items():
-        found[name, 0, _ASSUMED] = _sum([found.get((part, 0, _ASSUMED), {}) for part in parts])
+        found[name, 0, _ASSUMED] = sum_by_row([found.get((part, 0, _ASSUMED), {}) for part in parts])
     return {
         key: {row: slope if slope.size == 1 else np.interp(recording.t, some.t, slope) for row, slope in rows.items()}
         for key, rows in found.items()
         if rows
     }
-
-
-def _sum(parts: Iterable[Mapping[Row, Array]]) -> dict[Row, Array]:
-    """Sums of the slopes of each row."""
-    out: dict[Row, Array] = {}
-    for rows in parts:
-        for row, slope in rows.items():
-            out[row] = out[row] + slope if row in out else slope
-    return out
 
 
 def _by_inputs(

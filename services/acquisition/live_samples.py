@@ -85,9 +85,7 @@ class LiveSamples:
                 self._take_live(message)
             elif message.kind == "blocks":
                 for number, body in unpack_blocks(message):
-                    block = block_from_bytes(body)[0]
-                    self._store(message.name, number, block)
-                    self.latest_ns = max(self.latest_ns, *block.t_ns[-1:].tolist())
+                    self._store(message.name, number, block_from_bytes(body)[0])
             elif message.kind == "answered":
                 self._go_on()
             elif message.kind == "ledger":
@@ -113,13 +111,13 @@ class LiveSamples:
             end = self._channels.setdefault(message.name, BlockStore()).end
             for first in range(end, number, REQUEST):
                 self._wanted.append((message.name, first, min(first + REQUEST, number) - 1))
-            self._store(message.name, number, block)
-        self.latest_ns = max(self.latest_ns, int(block.t_ns[-1]))
+        self._store(message.name, number, block)
 
     def _store(self, name: str, number: int, block: Block) -> None:
-        if self._dropped or not (
-            name in CHANNELS and block.channel == name and len(block) and 0 <= number < MOST_BLOCKS
-        ):
+        if not (name in CHANNELS and block.channel == name and len(block) and 0 <= number < MOST_BLOCKS):
+            return
+        self.latest_ns = max(self.latest_ns, int(block.t_ns[-1]))
+        if self._dropped:
             return
         try:
             if self._channels.setdefault(name, BlockStore()).add(number, block, self._space):

@@ -9,12 +9,11 @@ from typing import Any
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.selection.candidate import Answer
-from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.score import RowError, RowScore
 from lacet.services.render.effect_text import effect_label
 from lacet.services.render.intervals import with_interval
 from lacet.services.render.rows import ratio_text
-from lacet.services.render.verdicts import last_name, three_digits
+from lacet.services.render.verdicts import last_name, row_of_tolerances, three_digits
 
 MOST_WORDS = 40
 """Largest number of words on a card, its button apart."""
@@ -152,10 +151,8 @@ def _why_out(c: Mapping[str, Any], best: Mapping[str, Any] | None) -> str:
 def _by_tolerances(diagnosis: Mapping[str, Any]) -> str:
     """What the sensors' tolerances explain of the worst row; empty where it is little, or was not stored."""
     rows, tolerated = diagnosis["rows"], diagnosis.get("tolerated", {})
-    row = max(rows, key=lambda row: rows[row], default="")
-    if row not in tolerated or rows[row] < SELECTION.reported_row_ratio:
-        return ""
-    return f"{row} {rows[row]:.2f} → {tolerated[row]:.2f} once the rig file is right: lacet check"
+    row = row_of_tolerances(rows, tolerated)
+    return f"{row} {rows[row]:.2f} → {tolerated[row]:.2f} once the rig file is right: lacet check" if row else ""
 
 
 def _showing(untestable: Sequence[str], effects: Mapping[str, Effect]) -> list[dict[str, Any]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from lacet.services.render.intervals import with_interval
 from lacet.services.render.row_sources import shortened
 from lacet.services.render.shape_constants import constants_text
 
+K = TypeVar("K")
 NOT_NAMED = (Reason.PART_OF_REST, Reason.TIED)
 """Reasons why an effect of the set found is no name beside an unlisted cause."""
 
@@ -458,16 +459,29 @@ def _by_tolerances(d: Diagnosis) -> str:
 
     The error ÷ floor of a version is that of the runs as recorded, and stays there with nothing missing.
     """
-    row = max(d.ratios, key=lambda row: d.ratios[row], default=None)
-    if row is None or row not in d.grounds.ratios or d.ratios[row] < SELECTION.reported_row_ratio:
+    row, off = row_of_tolerances(d.ratios, d.grounds.ratios), _off(d.grounds.tolerances.sizes)
+    if row is None:
         return ""
-    late = any(name.startswith("latency") for name in d.grounds.tolerances.sizes)
+    late = "latency" in off
     remedy = " (lacet check --only latency --write-rig FILE makes a rig file without these latencies)" if late else ""
     return (
         f" In the runs as recorded {row} is at {d.ratios[row]:.2f}, and at {d.grounds.ratios[row]:.2f} without what "
-        f"the sensors may be off by (in tolerances: {_off(d.grounds.tolerances.sizes)}): correct the rig file and that "
-        f"part of the error goes, too{remedy}."
+        f"the sensors may be off by (in tolerances: {off}): correct the rig file and that part of the error goes, "
+        f"too{remedy}."
     )
+
+
+def row_of_tolerances(recorded: Mapping[K, float], tolerated: Mapping[K, float]) -> K | None:
+    """The row of which is said what the sensors' tolerances explain: the worst one, if it is far above its floor.
+
+    Parameters
+    ----------
+    recorded, tolerated : row → residual ÷ floor of the runs as recorded, and without what the sensors may be off by.
+    """
+    row = max(recorded, key=lambda row: recorded[row], default=None)
+    if row is None or row not in tolerated or recorded[row] < SELECTION.reported_row_ratio:
+        return None
+    return row
 
 
 def _off(tolerances: Mapping[str, float], least: float = 0.0) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import AXLES, Parameter, PhysicalEffect
+from lacet.identify.effects.base import AXLES, Parameter, PhysicalEffect, sum_by_row
 from lacet.identify.multibody.vectors import Array, cross
 
 
@@ -38,11 +38,7 @@ class CentreSlope(PhysicalEffect):
 
     def columns(self, motion: Motion) -> dict[str, Array]:
         """−F·direction in the suspensions, −Δr × F in the chassis."""
-        out: dict[str, Array] = {}
-        for c in self.corners():
-            for row, column in self.moved(motion, c, c, 1.0, motion.corners[c].travel).items():
-                out[row] = out[row] + column if row in out else column
-        return out
+        return sum_by_row(self.moved(motion, c, c, 1.0, motion.corners[c].travel) for c in self.corners())
 
     def moved(self, motion: Motion, corner: str, by: str, slope: Array | float, shift: Array) -> dict[str, Array]:
         """Columns of one wheel that moves along the direction by `shift` (N,), `slope` of it by the travel of `by`."""
