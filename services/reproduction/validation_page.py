@@ -13,6 +13,8 @@ from lacet.services.render.html import page, picture, section
 def validation_page(about: str, used: Sequence[Comparison], held: Comparison) -> str:
     """The page of runs `used` (direct validation), each beside the one `held` out (cross validation)."""
     title = "Direct and cross validation"
-    lead = f"<h1>{title}</h1><p>{html.escape(about)}. Left: a run that the fit used. Right: {held.name}, held out.</p>"
+    sides = f"Left: a run that the fit used. Right: {html.escape(held.name)}, held out"
+    curves = "Black: measured. Red: modelled. Blue: the error, drawn about the measured mean"
+    lead = f"<h1>{title}</h1><p>{html.escape(about)}. {sides}. {curves}.</p>"
     each = (section(f"{part.name} and {held.name}", picture(side_by_side_charts(part, held))) for part in used)
     return page(title, lead + "".join(each))

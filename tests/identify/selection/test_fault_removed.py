@@ -8,6 +8,7 @@ import pytest
 from lacet.identify.effects.base import SensorFault
 from lacet.identify.regression.sums.prepared_runs import recording_without_faults
 from lacet.identify.regression.wls import Fit, FitOptions, extended, fit, refitted
+from lacet.identify.selection.chow_test import ParameterConstancy, chow_test_in_model
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
 from lacet.identify.selection.rest import AddedLaw, added_faults, departures_on_rows
@@ -80,24 +81,30 @@ def test_the_fit_beside_the_fault_is_as_the_one_before():
 def test_a_fault_removed_from_the_runs_is_judged_by_all_of_it():
     """By the size that it had, in its own fit and in one of the runs without it; what remains of it is next to none."""
     fault = KNOWN[HUB]
-    first = extended(fit_of(driven(scaled(exact(), 0.05), 1)), [fault])
+    drives = [driven(scaled(exact(), 0.05), seed) for seed in (1, 2)]
+    first = extended(fit(MODEL, drives, FitOptions(draws=2)), [fault])
     again = refitted(first, first.runs)
     size = first.value(f"{HUB}.g")
     assert size == pytest.approx(0.05, rel=0.1)
     assert abs(again.value(f"{HUB}.g")) < 0.1 * size
 
-    def judged(fitted: Fit, removed: dict[str, float]) -> tuple[AddedLaw, float]:
+    def judged(fitted: Fit, removed: dict[str, float]) -> tuple[AddedLaw, float, ParameterConstancy]:
         space = ScoreTests.of(Linearisation.of(fitted, floor_of(fitted, DRAWS)), [KNOWN["coulomb.rear"]], 0)
         rows = [row for row in space.sums.over_runs.rows if row.kind == "suspension"]
         (change,) = departures_on_rows(space, [fault], rows, removed)
         (law,) = added_faults(space, removed)
-        return law, change.force
+        constancy = chow_test_in_model(space, law)
+        assert constancy is not None
+        return law, change.force, constancy
 
     whole, other = judged(first, {}), judged(again, {HUB: size})
     assert whole[0].values[0] == pytest.approx(size, rel=0.1)
     assert other[0].values[0] == pytest.approx(whole[0].values[0], rel=0.02)
     assert other[0].force == pytest.approx(whole[0].force, rel=0.05)
     assert other[1] == pytest.approx(whole[1], rel=0.05)
+    for _, _, constancy in (whole, other):
+        assert [float(value[0]) for value in constancy.values.values()] == pytest.approx([size, size], rel=0.1)
+        assert not constancy.differ_by_more_than(0.01)
     assert whole[0].force > 1e3
     assert whole[0].implausible is other[0].implausible is None
     assert judged(again, {HUB: 1.1})[0].implausible is not None

@@ -266,6 +266,7 @@ def test_what_sensors_sent_before_they_fell_silent_is_asked_for(log: Path, monke
         body = b"".join(LENGTH.pack(len(one)) + one for one in bodies)
         car.samples.take(Message(KEYS, "blocks", name, first, body, True))
         car.samples.take(Message(KEYS, "answered", name, first, b"", True))
+    assert len({*car.bus.asked}) == len(car.bus.asked)
     found = car.samples.blocks()
     for name, block in car.reader.blocks().items():
         np.testing.assert_array_equal(found[name].values, block.values)
