@@ -89,7 +89,8 @@ def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[
     slopes = _by_parameter(by_number, table)
     rows = rows_unseen(fitted)
     unseen = np.array([row is not None for row in rows])
-    moved = (np.abs(by_number) > 0.0) & unseen
+    # At zero, which an unseen rate is, a frequency has no slope: what depends on it is found away from there.
+    moved = (np.abs(_jacobian(np.where(unseen & (x == 0.0), 1.0, x), vehicle)) > 0.0) & unseen
     usable = np.isfinite(values) & np.all(np.isfinite(slopes), axis=1)
     finite = np.where(usable[:, None], slopes, 0.0)
     spread = knowledge.spread(finite)

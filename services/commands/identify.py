@@ -22,6 +22,7 @@ from lacet.services.commands.progress import Line
 from lacet.services.progress import ServiceStage, ServiceStep, Stretch, planned
 from lacet.services.render import tables
 from lacet.services.render.consistency_report import consistency_text, left_open
+from lacet.services.render.identifiability import not_derived_lines
 from lacet.services.render.row_sources import assumptions_table, sources_table
 from lacet.services.timing.usual import stretch
 from lacet.services.workspace.loading import default_filters, load
@@ -132,11 +133,12 @@ def run(args: argparse.Namespace) -> int:
     print(f"{loaded.vehicle.name}, {len(loaded.prepared)} run{many}, {loaded.reference} wheel loads\n")
     print(tables.parameters(result))
     print("95 %: noise and zeros, residuals correlated. With sheet: gains and latencies of the sensor sheet as well.")
-    if result["derived"]:
-        print(f"\n{tables.derived(result)}")
-    if lacking := tables.not_derived(result):
-        print(f"\nDerived values not determined:\n{lacking}")
-    print(f"\n{tables.ranges(result)}")
+    if values := tables.derived(result):
+        print(f"\n{values}")
+    if lacking := not_derived_lines(result):
+        print("\nDerived values not determined:", *lacking, sep="\n")
+    if covered := tables.ranges(result):
+        print(f"\n{covered}")
     print(f"\n{sources_table(result['row_sources'])}")
     if assumed := assumptions_table(result["row_sources"]):
         print(f"\n{assumed}")

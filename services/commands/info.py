@@ -19,7 +19,7 @@ from lacet.services.acquisition.stream_decoder import Decoder
 from lacet.services.commands.progress import Line
 from lacet.services.render import effect_text, tables
 from lacet.services.render.model_text import print_model
-from lacet.services.render.row_sources import needs_text, shortened
+from lacet.services.render.row_needs import needs_text, not_recorded_lines
 from lacet.services.workspace.effect_list import list_effects
 from lacet.services.workspace.model_tree import find_model, model_info
 
@@ -144,11 +144,10 @@ def _file(path: Path, map: Path | None = None) -> tuple[int, dict[str, Any]]:
     print(tables.table(["channel", "samples", "Hz", "unusable"], lines))
     reference = run_.wheel_reference or "contact"
     absent = {row: lacking(row, reference, run_.signals) for row in ROWS}
-    for row, channels in absent.items():
-        if channels:
-            print(f"  {row} cannot be formed: {', '.join(shortened(channels))} missing")
+    if lacks := {row: channels for row, channels in absent.items() if channels}:
+        print("Rows that cannot be formed:", *not_recorded_lines(lacks), sep="\n")
     if any(c not in run_.signals for row in ROWS if not absent[row] for c in needs(row, reference)):
-        print("  other rows take what is missing from other channels, or assume it: lacet info --model RUN says how")
+        print("Other rows take what is missing from other channels, or assume it: lacet info --model RUN says how.")
     for mark in run_.marks:
         print(f"  marker '{mark.text}' at {mark.t:.2f} s")
     for problem in run_.problems:
@@ -157,7 +156,7 @@ def _file(path: Path, map: Path | None = None) -> tuple[int, dict[str, Any]]:
         "run": run_.name, "duration": run_.duration, "vehicle": run_.vehicle, "manoeuvre": run_.manoeuvre,
         "channels": {name: len(s.t) for name, s in run_.signals.items()}, "problems": run_.problems,
         "marks": [{"t": mark.t, "text": mark.text} for mark in run_.marks],
-        "rows_missing": {row: c for row, c in absent.items() if c},
+        "rows_missing": lacks,
     }  # fmt: skip
     return (WITH_LOSSES if run_.problems else status), result
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
+from lacet.daq.channels import CORNERS
+from lacet.identify.effects.base import AXLES
 from lacet.identify.properties.derived import ImpossibleCar, RowMissing
 from lacet.identify.properties.structural_identifiability import Fixed, HeldTogether, JointPosition, RowsNotFormed
 from lacet.identify.regression.identifiability import Combination, Merged, SmallChange, SmallTravel, Undetermined
@@ -22,8 +25,8 @@ from lacet.identify.validation.parameter_estimates import (
 from lacet.identify.validation.prediction_uncertainty import OpenParameters
 from lacet.identify.validation.score import Comparison
 from lacet.services.render.intervals import half_width
-from lacet.services.render.row_sources import to_add
-from lacet.services.render.rows import row_absence
+from lacet.services.render.row_needs import any_corner, explained, to_add
+from lacet.services.render.tables import wrapped
 
 _SHOWS = "what shows it: "
 _MOST_SHARES = 6
@@ -122,11 +125,42 @@ def not_derived(why: OpenParameters | RowMissing | ImpossibleCar | None) -> str:
     """Why a derived value is not determined; an empty string where it is."""
     match why:
         case RowMissing(row, absence):
-            return f"{row}: {row_absence(absence)}"
+            return f"{row} {to_add(row, absence)}"
         case ImpossibleCar():
             return "the masses, inertias and stiffnesses found do not make such a car (one of them is not above zero)"
         case _:
             return open_parameters(why)
+
+
+def not_derived_lines(result: Mapping[str, Any]) -> list[str]:
+    """Derived values of a result that are not determined, those of one reason in one line.
+
+    A kind of which the same reason holds for every corner or axle is named once. A fit without suspension rows has
+    none at all, and says what these need.
+    """
+    values = result.get("derived") or []
+    reasons: dict[str, dict[str, str]] = {}
+    for d in values:
+        whole, _, place = d["name"].rpartition(".")
+        kind = whole if place in _PLACES else d["name"]
+        reason = "" if d["identifiable"] else any_corner(d["why"].partition(" ")[0], d["why"])
+        reasons.setdefault(kind, {})[d["name"]] = reason
+    alike: dict[str, list[str]] = {}
+    for kind, found in reasons.items():
+        one = next(iter(found.values())) if len({*found.values()}) == 1 else None
+        for name, reason in {kind: one}.items() if one is not None else found.items():
+            if reason:
+                alike.setdefault(reason, []).append(name)
+    if not any(".sum." not in d["name"] for d in values):
+        for source in result["row_sources"]:
+            if source["row"].startswith("suspension.") and source["add"]:
+                why = any_corner(source["row"], f"{source['row']} {source['add']}")
+                alike.setdefault(why, ["all others" if values else "all"])
+    return explained([wrapped(f"  {', '.join(names)}: {why}", 4) for why, names in alike.items()])
+
+
+_PLACES = (*CORNERS, *AXLES)
+"""Ends of names of values that are of a corner or an axle."""
 
 
 def structurally(why: RowsNotFormed | HeldTogether | None) -> str:

@@ -127,7 +127,7 @@ def whole_vehicle_table(result: Mapping[str, Any]) -> tuple[str, Table]:
 
 
 def derived(result: Mapping[str, Any]) -> str:
-    """Derived values, those of one kind on one line: corners or axles beside each other."""
+    """Derived values, those of one kind on one line: corners or axles beside each other; no kind of which none is."""
     groups: dict[str, list[Mapping[str, Any]]] = {}
     for d in result.get("derived") or []:
         kind, _, where = d["name"].partition(".")
@@ -136,6 +136,8 @@ def derived(result: Mapping[str, Any]) -> str:
     for kind, members in groups.items():
         if all(d["identifiable"] and d["value"] == 0.0 for d in members):
             continue  # no bar in the model, no bench table: no value
+        if not any(d["identifiable"] for d in members):
+            continue  # the list of reasons names it
         cells = [_derived(d) for d in members]
         places = [d["name"].partition(".")[2] for d in members]
         where = "" if kind == members[0]["name"] else "/".join(places)
@@ -168,15 +170,6 @@ def derived_table(result: Mapping[str, Any]) -> Table:
                 [d["name"], to_interval(d["value"], half), f"± {half_width(half)}", f"± {half_width(sheet)}", unit]
             )
     return Table(["derived value", "value", "95 %", "with sheet", "unit"], lines)
-
-
-def not_derived(result: Mapping[str, Any]) -> str:
-    """Why derived values are not determined, those with one reason together."""
-    alike: dict[str, list[str]] = {}
-    for d in result.get("derived") or []:
-        if not d["identifiable"]:
-            alike.setdefault(d["why"], []).append(d["name"])
-    return "\n".join(f"  {', '.join(names)}: {why}" for why, names in alike.items())
 
 
 def ranges(result: Mapping[str, Any]) -> str:

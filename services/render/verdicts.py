@@ -18,7 +18,7 @@ from lacet.identify.selection.settings import SELECTION
 from lacet.services.render import tables
 from lacet.services.render.effect_text import needed, not_measured
 from lacet.services.render.intervals import with_interval
-from lacet.services.render.row_sources import shortened
+from lacet.services.render.row_needs import shortened
 from lacet.services.render.shape_constants import constants_text
 
 K = TypeVar("K")

@@ -23,7 +23,7 @@ from lacet.daq.formats.run_files import first_files
 from lacet.daq.maps.mapped_run import map_beside
 from lacet.daq.run import Run
 from lacet.identify.car.rows import ROWS, lacking
-from lacet.services.render.row_sources import rows_lacking
+from lacet.services.render.row_needs import rows_lacking
 from lacet.services.workbench.jobs import give_back
 from lacet.services.workbench.run_channels import RunChannels, state_key
 from lacet.services.workbench.session_cache import SessionCache

@@ -28,7 +28,7 @@ from lacet.identify.validation.channels.single_faults import column_faults
 from lacet.identify.validation.plausibility import doubtful_channels, exchanged_wheels
 from lacet.services.progress import Progress, ServiceStage, ServiceStep
 from lacet.services.render import channels, plausibility, sensor_report
-from lacet.services.render.row_sources import no_rows
+from lacet.services.render.row_needs import no_rows
 from lacet.services.render.rows import run_notes
 
 

@@ -23,7 +23,7 @@ from lacet.identify.properties.derived import Derived, _by_parameter, damper_cur
 from lacet.identify.properties.ride_model import modes, ride_values, roll_centre
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.services.render.identifiability import not_derived
 from tests.identify import cars
@@ -285,8 +285,20 @@ def test_a_corner_that_no_run_measures_is_not_taken_for_a_car_without_a_spring(
     own, other = ("front", "rear") if corner == "fl" else ("rear", "front")
     for name in (f"roll_stiffness.{own}", "roll_stiffness_share.front", "roll_gradient", f"ride_rate.{corner}"):
         assert not found[name].determined, name
-        assert f"{corner}: not measured: wheel.{corner}.force" in not_derived(found[name].why)
+        assert f"{corner} needs: wheel.{corner}.force" in not_derived(found[name].why)
     assert found[f"roll_stiffness.{other}"].determined
+
+
+def test_frequencies_without_travel_are_unknown_not_zero(models: dict[str, Model]) -> None:
+    """No spring or tyre is measured: every frequency lacks the suspension's rows; what is zero by geometry is known."""
+    run = cars.piece("rough", 2.0, 8.0)
+    run = replace(run, signals={n: s for n, s in run.signals.items() if not n.startswith("laser.")})
+    fitted = fit(models["base"], [PreparedRun.of(run, VEHICLE, RIG)], FitOptions(unbias=False))
+    found = {d.name: d for d in derived_values(fitted, VEHICLE, Knowledge.of(fitted))}
+    for name in ("hop_frequency.rear", "heave.frequency", "roll.frequency", "ride_rate.rl"):
+        assert not found[name].determined, name
+        assert "needs: laser." in not_derived(found[name].why)
+    assert found["load_transfer_geometric.rear"].determined
 
 
 def test_intervals_are_those_of_drawn_parameters(fitted: Fit, knowledge: Knowledge, derived: list[Derived]) -> None:

@@ -26,7 +26,7 @@ from lacet.identify.signals.filters import derivative, zero_phase
 from lacet.identify.validation.parameter_estimates import estimates
 from lacet.identify.validation.row_sources import row_sources
 from lacet.services.render.identifiability import unidentified
-from lacet.services.render.row_sources import needs_text, to_add
+from lacet.services.render.row_needs import needs_text, to_add
 from lacet.services.render.tables import WIDTH
 from tests.identify import cars
 

@@ -44,7 +44,7 @@ from lacet.identify.validation.parameter_estimates import GivenBeforehand, SeenA
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.row_sources import RowKind, row_sources
 from lacet.services.render.identifiability import unidentified
-from lacet.services.render.row_sources import no_rows, to_add
+from lacet.services.render.row_needs import no_rows, to_add
 from lacet.services.render.verdicts import reason_text, says, short_reason
 from tests.identify import cars
 from tests.identify.regression.test_fewer_instruments import expected, standing
@@ -334,7 +334,7 @@ def test_what_is_impossible_is_named() -> None:
     assert refused.rows == ()
     left_out = refused.measured_rows.left_out
     assert {left_out[row].cause for row in BODY_ROWS} == {Absence.NO_KNOWN_LOAD}
-    assert "give one of sprung_mass, static_load, spring_rate" in no_rows(left_out)
+    assert "give one of sprung_mass, static_load, spring_rate" in " ".join(no_rows(left_out).split())
     assert {SPRUNG_MASS, *PARAMETER_OF} == {*SETS_SCALE}
     assert not [law for law in refused.recording.laws if law.channel.startswith("wheel.")]
 

@@ -1,26 +1,75 @@
-"""Rows that a run lacks, in one sentence."""
+"""Tables of where the rows come from, and why derived values are not determined."""
 
-from lacet.identify.car.rows import ROWS, Row, lacking
-from lacet.services.render.row_sources import rows_lacking
+from typing import Any
 
-
-def test_rows_of_a_kind_and_channels_of_all_corners_are_one_word():
-    """A run of another system lacks most rows: one sentence says so, whatever their number."""
-    lacks = {row: channels for row in ROWS if (channels := lacking(row, "contact", ["speed", "imu.accel"]))}
-    assert len(lacks) > 20
-    text = rows_lacking(lacks)
-    assert text.startswith(
-        "cannot be formed: all chassis, suspension, tyre, spin, body and corner rows; not recorded: "
-    )
-    assert len(text) < 240, text
-    assert "wheel.*.force" in text
-    assert "more channels" in text
+from lacet.services.render.identifiability import not_derived_lines
+from lacet.services.render.row_sources import sources_table, sources_tables
 
 
-def test_single_rows_are_named_with_what_they_lack():
-    one = {Row("spin.fl"): ("shaft.fl.torque",), Row("spin.fr"): ("shaft.fr.torque",)}
-    assert rows_lacking(one) == "cannot be formed: spin.fl, spin.fr; not recorded: shaft.fl.torque and shaft.fr.torque"
-    kind = {row: ("imu.accel",) for row in ROWS if row.startswith("tyre.")}
-    assert rows_lacking({**kind, Row("spin.fl"): ("shaft.fl.torque",)}) == (
-        "cannot be formed: all tyre rows and spin.fl; not recorded: imu.accel and shaft.fl.torque"
-    )
+def source(row: str, kind: str, **more: Any) -> dict[str, Any]:
+    """A row source as plain data."""
+    empty: dict[str, Any] = {"derived": {}, "assumed": {}, "assumptions": [], "moves": 0.0, "size": 0.0, "add": ""}
+    return {"row": row, "unit": "N", "source": kind, "runs": ["a"], **empty, **more}
+
+
+def test_rows_channels_and_assumptions_have_a_table_each():
+    """The workbench gets what is printed: rows with what to add, what channels are taken from, what is assumed."""
+    radius = {
+        "name": "loaded_radius.front", "value": 0.29, "tolerance": 0.01, "unit": "m", "given": False,
+        "source": "drawing", "moves": 12.0,
+    }  # fmt: skip
+    result = [
+        source(
+            "chassis.fx", "assumed", derived={"wheel.fl.speed": "speed ÷ loaded radius"}, assumptions=[radius],
+            moves=12.0, size=300.0, assumed={"wheel.fl.moment": "forces in the contact patch"},
+        ),
+        source("tyre.fl", "impossible", add="needs: laser.fl.ground"),
+        source("tyre.fr", "impossible", add="needs: laser.fr.ground"),
+    ]  # fmt: skip
+    rows, channels, assumed = sources_tables(result)
+    assert rows["lines"][0][:4] == [
+        "chassis.fx", "assumed", "wheel.speed, wheel.moment", "12 of 300 N: loaded_radius.front",
+    ]  # fmt: skip
+    assert rows["lines"][1][4] == "needs: laser.{c}.ground"
+    assert channels["lines"] == [
+        ["wheel.fl.speed", "derived", "speed ÷ loaded radius"],
+        ["wheel.fl.moment", "assumed", "forces in the contact patch"],
+    ]
+    assert assumed["lines"] == [["loaded_radius.front", "0.29", "0.010", "m", "default: drawing"]]
+    assert all(len(line) == len(table["head"]) for table in (rows, channels, assumed) for line in table["lines"])
+    assert [len(sources_tables(result[1:])), len(sources_tables([]))] == [1, 0]
+    assert "  tyre.fl, fr: needs: laser.{c}.ground\n  {c}: the row's own corner" in sources_table(result)
+    assert "tyre.fl: needs: laser.fl.ground" in sources_table(result[1:2])
+
+
+def value(name: str, why: str) -> dict[str, Any]:
+    """A derived value as plain data, not determined where there is a reason."""
+    return {"name": name, "identifiable": not why, "why": why}
+
+
+def test_derived_values_of_one_reason_share_a_line():
+    """A kind is named once where all its corners lack the same, each value where some are known."""
+    result = {
+        "row_sources": [],
+        "derived": [
+            value("ride_rate.fl", "suspension.fl needs: laser.fl.hub"),
+            value("ride_rate.fr", "suspension.fr needs: laser.fr.hub"),
+            value("hop_frequency.front", "suspension.fl needs: laser.fl.hub"),
+            value("hop_frequency.rear", ""),
+            value("pitch.frequency", "no such car"),
+            value("roll.frequency", ""),
+        ],
+    }
+    assert not_derived_lines(result) == [
+        "  ride_rate, hop_frequency.front: suspension.{c} needs: laser.{c}.hub",
+        "  pitch.frequency: no such car",
+        "  {c}: the row's own corner; *: all four.",
+    ]
+
+
+def test_without_suspension_rows_it_is_said_why_no_value_is_derived():
+    rows = [source(f"suspension.{c}", "impossible", add=f"needs: wheel.{c}.force") for c in ("fl", "fr")]
+    lines = not_derived_lines({"row_sources": rows, "derived": []})
+    assert lines[0] == "  all: suspension.{c} needs: wheel.{c}.force"
+    both = {**value("anti_roll_bar.sum.k", ""), "value": 1.0}
+    assert not_derived_lines({"row_sources": rows, "derived": [both]})[0].startswith("  all others: suspension.{c}")

@@ -8,7 +8,7 @@ import { cursorPanel } from "./compare_cursors.js";
 import { forcesPanel } from "./compare_forces.js";
 import { layoutOf, patchOf } from "./compare_layout.js";
 import { colourOf, named, overlayPicker } from "./compare_overlays.js";
-import { scoresOf, sourcesTable, strip, table, validation } from "./compare_scores.js";
+import { scoresOf, sourcesTables, strip, table, validation } from "./compare_scores.js";
 import { rowStack } from "./compare_stack.js";
 import { xyPanel } from "./compare_xy.js";
 import { h } from "../widgets/dom.js";
@@ -139,7 +139,7 @@ class Compare {
     this.strip.replaceChildren(strip(this.app, this.found.rows.find((s) => s.row === state.row)));
     this.table.replaceChildren(table({ rows: this.found.rows, chosen: state.row, beneath: new Set(this.layout.rows),
       onRow: (row) => this.app.set({ row }), onBeneath: (row, on) => this.beneath(row, on) }));
-    this.sources.replaceChildren(sourcesTable(version.row_sources));
+    this.sources.replaceChildren(...sourcesTables(version.row_sources));
     this.forces.of(this.found.used ? "" : `api/forces/${state.version}/${encodeURIComponent(state.run)}`);
     this.arrange();
     void this.fetch();
