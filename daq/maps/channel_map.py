@@ -7,6 +7,7 @@ is opened. Format: ``docs/maps.md``.
 from __future__ import annotations
 
 import fnmatch
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -139,7 +140,8 @@ class ChannelMap:
         sources = _sources(reader)
         channels = _channels(reader, folder, sources)
         if not channels and not reader.faults:
-            reader.fault("channels", 'names no channel: write "imu.accel.y" = "LatAcc", one line a channel')
+            proposed = "remove the # of the proposals that are right, or " if re.search('^# "', text, re.M) else ""
+            reader.fault("channels", f'names no channel: {proposed}write "imu.accel.y" = "LatAcc", one line a channel')
         reader.finish()
         return cls(name, channels, sources, reading, metadata, text)
 

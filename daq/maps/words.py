@@ -61,7 +61,7 @@ _COMPOUND = {
     "cap": "course", "latitude": "latitude", "longitude": "longitude", "breite": "latitude", "laenge": "longitude",
     "hgnd": "ground", "rideheight": "ground", "bodenabstand": "ground", "bodenfreiheit": "ground", "garde": "ground",
     "hauteur": "ground", "height": "ground", "rpm": "engine rotation", "nmot": "engine rotation",
-    "regime": "engine rotation",
+    "regime": "engine rotation", "boden": "ground", "nabe": "hub", "moyeu": "hub", "v": "velocity",
     "motordrehzahl": "engine rotation", "enginespeed": "engine rotation", "throttle": "throttle", "tps": "throttle",
     "gaspedal": "throttle", "fahrpedal": "throttle", "bremsdruck": "brake pressure", "brakepressure": "brake pressure",
     "brakepress": "brake pressure", "pbrake": "brake pressure", "frein": "brake", "freno": "brake", "bremse": "brake",
@@ -141,7 +141,7 @@ def _of_words(have: set[str], corner: str, name: str) -> list[Meaning]:
             add("wheel.{c}.speed", 0.9, False)
         if "camber" in have:
             add("camera.{c}.camber", 0.97)
-        elif _STEER & have:
+        elif (_STEER | {"swa"}) & have:  # a steering wheel has no corner
             add("camera.{c}.steer", 0.95)
         elif "angle" in have:
             add("wheel.{c}.angle", 0.9, False)

@@ -14,7 +14,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from types import ModuleType
 
-from lacet.daq.errors import LacetError, NotIdentifiable
+from lacet.daq.errors import LacetError, NotIdentifiable, nearest
 from lacet.daq.formats.result import BAD_INPUT, WITH_LOSSES
 from lacet.services import commands
 
@@ -112,7 +112,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = (sys.argv[1:] if argv is None else list(argv)) or ["--help"]
     try:
         if words[0] not in _files():  # help, the version, or a word that is no command
-            build_overview().parse_args(words)
+            overview = build_overview()
+            if not words[0].startswith("-"):
+                overview.error(
+                    f"there is no command '{words[0]}'{nearest(words[0], _files())} (lacet --help lists them)"
+                )
+            overview.parse_args(words)
         with _without_collection() if argv is None else contextlib.nullcontext():
             parser = build_parser(words[0])
         args = parser.parse_args(words)

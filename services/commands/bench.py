@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 from pathlib import Path
+from textwrap import fill
 
 from lacet.daq.bench_compliance import MeasuredCompliance, tables_with_compliance
 from lacet.daq.bench_readings import read_bench
@@ -31,8 +32,8 @@ the compliance by loads.
 
   lacet bench left.csv right.csv steer.csv grid.csv --map rig.map.toml -o joints.toml
 
-Tests: {", ".join(bench_tests())}.
-Cars: {", ".join(SECOND_CARS)}."""
+{fill(f"Tests: {', '.join(bench_tests())}.", 118)}
+{fill(f"Cars: {', '.join(SECOND_CARS)}.", 118)}"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -16,7 +16,7 @@ DESCRIPTION = """\
 Print the script with which a shell completes lacet's commands, options, choices and file names at the Tab key. It is
 made once, so that completing needs no lacet and no time; make it anew after an update.
 
-  lacet completion bash > ~/.local/share/bash-completion/completions/lacet
+  lacet completion bash > ~/.local/share/bash-completion/completions/lacet     (mkdir -p its folder before)
   lacet completion zsh > ~/.zfunc/_lacet          with  fpath+=~/.zfunc; autoload -Uz compinit; compinit  in ~/.zshrc
   lacet completion tcsh > ~/.lacet.tcsh           with  source ~/.lacet.tcsh  in ~/.tcshrc
 

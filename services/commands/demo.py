@@ -32,7 +32,7 @@ from lacet.services.workspace.study import Study
 
 HELP = "run the whole chain on committed captures: wires, log, bus, worker, fit, missing effects, report"
 DESCRIPTION = """\
-Plays a capture over virtual CAN, a pseudo-terminal and UDP into a recorder, which logs it and publishes it to a worker;
+Play a capture over virtual CAN, a pseudo-terminal and UDP into a recorder, which logs it and publishes it to a worker;
 the worker assembles the run and fits the base model. The other captures are decoded from their files. Then the model is
 compared with the measurement, the missing effects are ranked and added one by one, and a report is written.
 

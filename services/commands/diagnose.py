@@ -80,7 +80,10 @@ def run(args: argparse.Namespace) -> int:
     if args.auto:
         print(tables.history(session.study.versions()))
     elif result["best"]:
-        print(f"\nTo add it: lacet add {study.folder} {result['best']}")
+        several = len(found.last.found) > 1
+        print(f"\nTo add {'the first' if several else 'it'}: lacet add {study.folder} {result['best']}")
+        if several:
+            print(f"To add all: lacet diagnose {study.folder} --auto")
     print(f"\n{next_text(result, args.most) or _hint(found.last, study)}".rstrip())
     write_result(args.json, "diagnose", {**result, "auto": args.auto, "added": found.changes, "steps": steps})
     return DONE

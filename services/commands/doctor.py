@@ -16,8 +16,8 @@ from lacet.services.machine.wires import wires
 
 HELP = "check whether this computer is ready (packages, CAN, serial ports, clock, disk, browser), and what to do"
 DESCRIPTION = """\
-Look at this computer and print a line for each thing: ok; absent, where only what the line says needs it; or warning,
-with what to do. Nothing is changed and nothing is sent.
+Check this computer and print one line a check: ok; absent, which matters only for what its line says; or warning. What
+to do stands after →. Nothing is changed and nothing is sent.
 
   lacet doctor                          before the first hour
   lacet doctor --rig rig.toml           the wires that a rig names must be there
@@ -47,7 +47,9 @@ def run(args: argparse.Namespace) -> int:
             print(f"{'':<8} {'':<{width}}  → {one.remedy}")
     warnings = sum(one.state is State.WARNING for one in found)
     if warnings:
-        print(f"\n{warnings} warning{'s' if warnings > 1 else ''}: see the lines marked →.")
+        print(
+            f"\n{warnings} warning{'s' if warnings > 1 else ''}. What is absent is needed only for what its line says."
+        )
     else:
         print("\nReady. What is absent is needed only for what its line says.")
     write_result(

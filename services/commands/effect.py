@@ -61,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("line", metavar="LINE", nargs="?", help="the effect, in quotes")
     parser.add_argument("--states", action="store_true", help="list what a law may use")
     parser.add_argument("--try", dest="only_try", metavar="LINE", help="read a line and try it, do not keep it")
-    parser.add_argument("--remove", metavar="NAME", help="take one of the study's lines out")
+    parser.add_argument("--remove", metavar="NAME", help="remove one of the study's lines")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -16,7 +16,7 @@ from lacet.services.exports.files import Form, export_car, form_of, replacing
 
 HELP = "write an identified car, its results or a run in the formats of other programs"
 DESCRIPTION = """\
-SOURCE is a study's folder (its present version is exported), or a run. The suffix of FILE says the form.
+SOURCE is a study's folder (its present version is exported), or a run. The suffix of FILE says the format.
 
 An identified car:
   lacet export STUDY -o car.toml         vehicle file, the identified values as a-priori values
@@ -34,7 +34,7 @@ A run:
   lacet export RUN -o run.mf4            decoded channels as MDF, with units and comments
   lacet export RUN -o rows.mcap          one message a sample, for Foxglove, Lichtblick, PlotJuggler, Rerun
 
-What a form cannot hold is named. MJCF and URDF need the extra 'consistency' (docs/export.md).
+What a format cannot hold is listed. MJCF and URDF need the extra 'consistency' (docs/export.md).
 Exit code 3 when a log is damaged: what is whole is exported."""
 
 

@@ -25,9 +25,9 @@ from lacet.services.workspace.study import Study
 HELP = "estimate the wheel forces of a run without dynamometers, from a study identified with them"
 DESCRIPTION = """\
 Estimate the wheel forces of a run without dynamometers, of a car identified once with them: each with a 95 % band, up
-to the fit's cut-off: vertical at each wheel, longitudinal of the car (by axle where a row parts the axles), lateral by
+to the fit's cut-off: vertical at each wheel, longitudinal of the car (by axle where a row separates them), lateral by
 axle; never lateral left and right. Where the run does have dynamometers they are not used, and the error against them
-is shown. A channel that is lacking is named. How, and what is assumed: docs/forces.md.
+is shown. A missing channel is named. How, and what is assumed: docs/forces.md.
 
   lacet forces STUDY run.mcap                          table, and a picture in STUDY/pictures
   lacet forces STUDY run.parquet -o forces.parquet     time histories; .csv the same

@@ -60,6 +60,8 @@ def run(args: argparse.Namespace) -> int:
     for note in found["notes"]:
         print(f"! {note}")
     print(f"{found['log']}: {len(rows)} channels, {found['duration']:.1f} s")
+    if absent := [key for key in ("vehicle", "rig") if not (getattr(args, key) or map_.metadata.get(key))]:
+        print(f"To fit it, name its {' and '.join(absent)} file: in [run] of {args.map} (docs/own-log.md)")
     write_result(args.json, "import", found)
     return WITH_LOSSES if found["notes"] else DONE
 

@@ -25,6 +25,8 @@ from lacet.services.workspace.model_tree import find_model, model_info
 
 HELP = "show what a run, log, rig or vehicle file holds; list channels, effects, rows; the model of a car"
 DESCRIPTION = """\
+Show what a run, log, rig or vehicle file holds; list channels, effects or rows; or describe the model of a car.
+
   lacet info run.mcap            channels, rates, gaps and losses of a run; what cannot be formed from it
   lacet info rig.toml            sensors, latencies, tolerances
   lacet info vehicle.toml        geometry, with the source of every number

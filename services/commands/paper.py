@@ -33,7 +33,7 @@ from lacet.simulate.linkage import SECOND_CARS
 
 HELP = "repeat the paper's tables 1 to 7 on the simulated car, side by side with the paper's"
 DESCRIPTION = """\
-Do the paper again. Section 4: the simulated Peugeot 406, with the paper's a-priori values, is driven through sinus
+Repeat the paper. Section 4: the simulated Peugeot 406, with the paper's a-priori values, is driven through sinus
 steering and a sudden lift-off, the model is fitted, and tables 1 to 4 are printed beside the paper's numbers. A line is
 met when our error is no larger than the paper's own or than our 95 % half-width. Section 6: a car with the values of
 tables 5 to 7 (friction, anti-roll bars, four corners that differ) is measured with the experimental instruments, over

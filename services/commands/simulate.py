@@ -55,7 +55,7 @@ lacks; the truth (every parameter and hidden effect) is written only where --tru
   lacet simulate --rig rig.toml --car second --manoeuvre sinus -o runs       a car on linkages (docs/second-car.md)
   lacet simulate --rig rig.toml --manoeuvre sinus --noise 2 -o runs      twice the noise the rig file says
 
-Manoeuvres: {", ".join(MANOEUVRES)}. Cars: {", ".join(KNOWN_CARS)}.
+{fill(f"Manoeuvres: {', '.join(MANOEUVRES)}. Cars: {', '.join(KNOWN_CARS)}.", 118)}
 {fill(f"Hidden effects: {', '.join(KINDS)}.", 118)}
 `lacet simulate --hide` alone lists them with law, unit and constants. Those of an axle end in .front or .rear, laws of
 a suspension also in one corner (coulomb.fl), those of a sensor in its name (sensor_latency.imu).

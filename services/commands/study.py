@@ -36,7 +36,8 @@ A study is a folder of text files: the runs used and held out, every version of 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("words", metavar="[new] DIR", nargs="+", help="the study's folder, after 'new' to make one")
+    parser.add_argument("new", metavar="new", nargs="?", help="make the study")
+    parser.add_argument("folder", metavar="DIR", help="its folder")
     parser.add_argument(
         "--use", metavar="RUN", nargs="+", action="extend", type=Path, default=[], help="runs to identify with"
     )
@@ -68,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     """Create or show a study."""
     if args.report:
         require("plots", "leave --report away")
-    new, folder = _words(args.words)
+    new, folder = _words(args.new, args.folder)
     if new:
         study, warnings = _new(args, folder)
     else:
@@ -95,11 +96,10 @@ def run(args: argparse.Namespace) -> int:
     return WITH_LOSSES if warnings else DONE
 
 
-def _words(words: list[str]) -> tuple[bool, Path]:
-    new = words[0] == "new"
-    if len(words) != 1 + new:
+def _words(new: str | None, folder: str) -> tuple[bool, Path]:
+    if new not in (None, "new") or (new is None and folder == "new"):
         raise UsageError("give one folder: lacet study DIR, or lacet study new DIR --use RUN…")
-    return new, Path(words[-1])
+    return new is not None, Path(folder)
 
 
 def _new(args: argparse.Namespace, folder: Path) -> tuple[Study, tuple[str, ...]]:

@@ -263,7 +263,7 @@ def _fitted(model: Model, runs: Runs, options: wls.FitOptions, progress: Callabl
 
 def add(
     fitted: Fit,
-    effect: str | Effect | Candidate | Iterable[str] | None,
+    effect: str | Effect | Candidate | Iterable[str | Candidate] | None,
     *,
     progress: Callable[[str], object] | None = None,
 ) -> Fit:
@@ -272,8 +272,9 @@ def add(
     Parameters
     ----------
     fitted : the fit of the present model.
-    effect : an effect of the catalogue by its key, several keys, a user's own effect, or a candidate of a ranking with
-        its shape constants; those of a key are searched on the runs, so that the effects explain most together.
+    effect : an effect of the catalogue by its key, a candidate of a ranking, several of these (``ranking.missing``), or
+        a user's own effect. A candidate brings its shape constants, and the effects of which only the sum is known; the
+        constants of a key are searched on the runs, so that the effects explain most together.
     progress : as for `fit`.
 
     Raises
@@ -287,14 +288,21 @@ def add(
     >>> "anti_roll_bar.front" in both.model
     True
     """
-    if effect is None:
+    wanted = list[str | Effect | Candidate]()
+    if isinstance(effect, Iterable) and not isinstance(effect, str):
+        wanted += effect
+    elif effect is not None:
+        wanted.append(effect)
+    if not wanted:
         raise UsageError("there is no effect to add: the ranking proposes none (its explain() says why)")
     model, free = fitted.model, list[Effect]()
-    for one in effect if isinstance(effect, Iterable) and not isinstance(effect, str) else [effect]:
-        added = _found(fitted.runs, one)
-        model += added
-        if isinstance(one, str) and added.grids:
-            free.append(added)
+    for one in wanted:
+        for added in _found(fitted.runs, one):
+            if added.key in model and added.key not in fitted.model:
+                continue  # an earlier candidate brought it
+            model += added
+            if isinstance(one, str) and added.grids:
+                free.append(added)
     if free:
         floor, steps = fitted.noise_floor(SCORE_DRAWS), in_words(progress) if progress else silent
         with one_thread():
@@ -303,10 +311,12 @@ def add(
     return _fitted(model, fitted.runs, fitted.details.options, progress)
 
 
-def _found(runs: Runs, effect: str | Effect | Candidate) -> Effect:
+def _found(runs: Runs, effect: str | Effect | Candidate) -> list[Effect]:
+    """The effects that one argument of `add` stands for."""
     if isinstance(effect, str):
-        return effects.find_effect(effect, catalogue(runs))
+        return [effects.find_effect(effect, catalogue(runs))]
     if isinstance(effect, Candidate):
-        found = effects.find_effect(effect.key, catalogue(runs))
-        return replace(found, shape={**found.shape, **effect.shape})
-    return effect
+        keys = effect.total.keys if effect.total else (effect.key,)
+        found = [effects.find_effect(key, catalogue(runs)) for key in keys]
+        return [replace(one, shape={**one.shape, **effect.shape}) for one in found]
+    return [effect]

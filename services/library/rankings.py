@@ -37,6 +37,7 @@ class Ranking:
     'anti_roll_bar.front'
     >>> print(ranking.verdict)
     missing
+    >>> both = lacet.add(fitted, ranking.missing)
     """
 
     details: Diagnosis = field(repr=False)
@@ -45,6 +46,11 @@ class Ranking:
     def best(self) -> Candidate | None:
         """The effect proposed, or None."""
         return self.details.best
+
+    @property
+    def missing(self) -> tuple[Candidate, ...]:
+        """The effects that are missing, the largest first."""
+        return self.details.found
 
     @property
     def verdict(self) -> str:

@@ -120,9 +120,9 @@ def receive_buffer(limit: Path = Path("/proc/sys/net/core/rmem_max")) -> list[Fi
     except (OSError, ValueError):
         return []
     if most >= RECEIVE_BUFFER:
-        return [Finding("socket buffer", State.OK, f"up to {most >> 10} KiB")]
+        return [Finding("large socket buffer", State.OK, f"up to {most >> 10} KiB")]
     says = f"at most {most >> 10} KiB: a recording of more than 10,000 frames/s loses some when the machine is busy"
-    return [Finding("socket buffer", State.ABSENT, says, f"sudo sysctl -w net.core.rmem_max={RECEIVE_BUFFER}")]
+    return [Finding("large socket buffer", State.ABSENT, says, f"sudo sysctl -w net.core.rmem_max={RECEIVE_BUFFER}")]
 
 
 def wires(buses: Mapping[str, Bus]) -> list[Finding]:

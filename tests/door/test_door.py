@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 import lacet
+from lacet.identify.properties.sums_of_places import SumOfPlaces
 from tests.support.places import HOME
 
 MOST = 41
@@ -111,11 +112,24 @@ def test_the_readmes_ten_lines_run(checkout: Path, monkeypatch: pytest.MonkeyPat
     printed = capsys.readouterr().out
     assert "spring.fl.k" in printed
     assert "anti_roll_bar.front and anti_roll_bar.rear are missing" in printed
+    before, after = (float(value) for value in re.findall(r"noise floor, ([\d.]+) over all rows", printed))
+    assert before > 5.0
+    assert after < 2.0  # both bars, where the first alone leaves more
 
 
 def test_nothing_proposed_is_no_effect_to_add(fitted: lacet.Fit) -> None:
-    with pytest.raises(lacet.UsageError, match="no effect to add"):
-        lacet.add(fitted, None)
+    for nothing in (None, ()):
+        with pytest.raises(lacet.UsageError, match="no effect to add"):
+            lacet.add(fitted, nothing)
+
+
+def test_a_sum_of_places_brings_its_effects_once(fitted: lacet.Fit, ranking: lacet.Ranking) -> None:
+    front, rear = ranking.missing
+    total = SumOfPlaces((front.key, rear.key), "k", "N/m", 34e3, 1e3, 1e3, True)
+    both = lacet.add(fitted, [replace(front, total=total), rear])
+    assert {one.key for one in both.model.effects} - {one.key for one in fitted.model.effects} == set(total.keys)
+    with pytest.raises(lacet.UsageError, match="already"):
+        lacet.add(both, ranking.missing)
 
 
 def test_an_effect_is_added_with_the_options_of_the_fit(runs: lacet.Runs) -> None:

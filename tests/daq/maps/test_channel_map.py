@@ -64,7 +64,8 @@ imu.accel.z = "IMU.acc.z"
     ('[channels]\n"imu.accel.y" = { from = "A", tabel = "x" }', "unknown key; did you mean 'table'?"),
     ('[read]\ndbc = "cra.dbc"\n[channels]\n"imu.accel.y" = "A"', "there is no file"),
     ('[read]\ntime_unit = "mm"\n[channels]\n"imu.accel.y" = "A"', "'mm' is no unit of time"),
-    ("", "names no channel"),
+    ("", "names no channel: write"),
+    ('[channels]\n# "imu.accel.y" = "A"  # probability 0.78', "names no channel: remove the # of the proposals"),
 ])  # fmt: skip
 def test_every_fault_is_told_with_place_and_remedy(text: str, says: str) -> None:
     assert says in faults(text)

@@ -157,6 +157,8 @@ def test_the_unit_decides_between_a_velocity_and_a_rate(tmp_path: Path) -> None:
     ("Vitesse_Lacet", "imu.rate.z"), ("Lenkradwinkel", "steering.angle"), ("WhlSpd_FL", "wheel.fl.speed"),
     ("Federweg_HR", "suspension.rr.travel"), ("Fz_VL", "wheel.fl.force.z"), ("GPS_Speed", "gnss.speed"),
     ("Bremsdruck", "brake.pressure"), ("Motordrehzahl", "engine.speed"), ("Wheel.RearLeft.ForceX", "wheel.rl.force.x"),
+    ("Laser_Nabe_HL", "laser.rl.hub"), ("Hoehe_Boden_VR", "laser.fr.ground"), ("Lenkwinkel_VL", "camera.fl.steer"),
+    ("v_laengs", "correvit.speed.x"), ("v_quer", "correvit.speed.y"), ("Lenkwinkel", "steering.angle"),
 ])  # fmt: skip
 def test_the_usual_words_of_several_languages(name: str, column: str) -> None:
     assert meanings(name)[0].column == column

@@ -27,7 +27,7 @@ def test_the_overview_names_every_command_without_loading_any() -> None:
         assert f" {name} {' '.join(module.HELP.split())}" in flat
 
 
-@pytest.mark.parametrize("words", [["--help"], ["--version"], ["identfy"], ["--", "identfy"]])
+@pytest.mark.parametrize("words", [["--help"], ["--version"], ["--", "identfy"]])
 def test_what_is_no_command_ends_as_the_whole_parser_would(
     words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -37,6 +37,13 @@ def test_what_is_no_command_ends_as_the_whole_parser_would(
     with pytest.raises(SystemExit) as expected:
         build_parser().parse_args(words)
     assert (found, ended.value.code) == (capsys.readouterr(), expected.value.code)
+
+
+def test_a_word_that_is_no_command_is_answered_with_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["identfy", "run.mcap"])
+    assert ended.value.code == 2
+    assert "there is no command 'identfy'; did you mean 'identify'?" in capsys.readouterr().err
 
 
 def test_the_name_alone_prints_the_help(capsys: pytest.CaptureFixture[str]) -> None:

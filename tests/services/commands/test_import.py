@@ -37,7 +37,9 @@ def test_a_real_car_s_bus_is_imported(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main([*map(str, words), "--json", str(result)]) == 3
     found = conforms(result, "import")
     assert set(found["samples"]) == {"car.yaw_rate", "car.lateral_accel"}
-    assert "did you mean 'ID_D0.STEER_ANGLE'" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "did you mean 'ID_D0.STEER_ANGLE'" in printed
+    assert f"name its vehicle and rig file: in [run] of {tmp_path / 'm.toml'}" in printed
     run = open_run(out)
     assert run.duration == pytest.approx(12.0, abs=0.1)
     assert any("steering.angle was left out" in problem for problem in run.problems)

@@ -97,7 +97,7 @@ def test_the_socket_buffer_has_the_size_of_the_receivers_in_its_remedy(tmp_path:
     (small,) = wires.receive_buffer(file)
     assert small.remedy == f"sudo sysctl -w net.core.rmem_max={wires.RECEIVE_BUFFER}"
     file.write_text(f"{wires.RECEIVE_BUFFER}\n")
-    assert states(wires.receive_buffer(file)) == {"socket buffer": State.OK}
+    assert states(wires.receive_buffer(file)) == {"large socket buffer": State.OK}
 
 
 class TestComputer:
