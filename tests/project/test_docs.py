@@ -254,6 +254,10 @@ def test_links_between_pages_lead_somewhere(page):
 
 LONGEST = 1600
 """Words of prose that a page may have: beyond, nobody finds an answer in a minute. Source: a choice."""
+ALL_READ = 27_000
+"""The same of all pages that are read, and not looked up in, together: two hours. Source: a choice."""
+LOOKED_UP = ("reference", "benchmarks", "wires")
+"""Folders of pages that are looked up in; so are the pages that index.md lists as reference, and the glossary."""
 COLLECTIONS = ("CHANGELOG.md", "docs/catalogue.md", "docs/glossary.md", "docs/json.md")
 """Pages of entries, each of which is read by itself."""
 
@@ -269,3 +273,14 @@ def test_pages_are_short():
     lengths = {str(page.relative_to(HOME)): prose(page.read_text(encoding="utf-8")) for page in PAGES}
     long = {page: words for page, words in lengths.items() if words > LONGEST}
     assert {page for page in long if page not in COLLECTIONS and "reference" not in page} == set()
+
+
+def test_all_pages_that_are_read_take_two_hours():
+    looked_up = re.split(r"^\*\*Reference\*\*|^\*\*Terms\*\*", read("docs/index.md"), flags=re.MULTILINE)[1]
+    names = {HOME / "docs" / name for name in re.findall(r"\]\(([\w-]+\.md)\)", looked_up)}
+    assert HOME / "docs" / "json.md" in names
+    names |= {HOME / "docs" / "index.md", HOME / "docs" / "glossary.md"}
+    pages = [HOME / "README.md", HOME / "CONTRIBUTING.md", *(HOME / "docs").rglob("*.md")]
+    lengths = [prose(read(page)) for page in pages if page not in names and not set(LOOKED_UP) & set(page.parts)]
+    assert len(lengths) > 50
+    assert ALL_READ / 2 < sum(lengths) <= ALL_READ
