@@ -35,7 +35,6 @@ from lacet.identify.wheel_loads.tyre_contact import (
     UNKNOWNS,
     TyreContact,
     WheelLoads,
-    prior_difference,
     with_loads,
 )
 from lacet.identify.wheel_loads.without_dynamometers import placed
@@ -111,8 +110,7 @@ class Instants:
         variance = np.array([fitted.sigma[row] ** 2 for row in self.rows])
         for turn in range(TURNS):
             contact = contact.divided(values) if turn else contact
-            gain, _ = self._solver(contact, variance)
-            values = values - np.einsum("nir,rn->in", gain, self._residual(contact.loads(values)))
+            values = self.improved(contact, values, self.solver(contact, variance))
         contact = contact.divided(values)
         loads = contact.loads(values)
         # With the loads in place, noise and zeros of the other channels do in the rows what they do to true loads.
@@ -120,10 +118,16 @@ class Instants:
         sensitivity = Sensitivity.of(run.recording, fitted.model.physics, fitted.physics)
         assumed = self._assumed(contact, values)
         errors = self._errors(run, sensitivity, assumed)
-        gain, split = self._solver(contact, errors.variance())
-        values = values - np.einsum("nir,rn->in", gain, self._residual(loads))
+        gains = self.solver(contact, errors.variance())
+        values = self.improved(contact, values, gains)
         constants, C = constants_of(self.car, self.changes, run, self.rows, sensitivity, assumed)
-        return self._solved(contact, values, (gain, split), errors, tuple(constants), C)
+        return self._solved(contact, values, gains, errors, tuple(constants), C)
+
+    def improved(self, contact: TyreContact, values: Array, gains: tuple[Array, Array]) -> Array:
+        """The values (8, N) of the unknowns that rows and assumed difference of the axles give, from others near by."""
+        gain, split = gains
+        back = np.einsum("nir,rn->in", gain, self._residual(contact.loads(values)))
+        return values - back - split.T * contact.difference.off(values)
 
     def _residual(self, loads: WheelLoads) -> Array:
         """(rows, N) left less right sides with these loads, at full rate."""
@@ -144,12 +148,12 @@ class Instants:
         """(N, rows, unknowns) left sides per newton of each unknown."""
         return np.stack([contact.in_rows(loads, self.rows) for loads in contact.per_unit()]).transpose(2, 1, 0)
 
-    def _solver(self, contact: TyreContact, variance: Array) -> tuple[Array, Array]:
+    def solver(self, contact: TyreContact, variance: Array) -> tuple[Array, Array]:
         """(N, unknowns, rows) what each row's residual takes from the unknowns, and (N, unknowns) what one newton of
         the axles' assumed difference adds; `variance` (rows,).
         """
         K, weight = self._per_unknown(contact), (self.usable / variance[:, None]).T
-        prior, strength = prior_difference(contact.difference)
+        prior, strength = contact.difference.equations()
         weighted = (K * weight[..., None]).transpose(0, 2, 1)
         both = np.concatenate([weighted, prior[..., None]], axis=2)
         found = np.asarray(np.linalg.solve(weighted @ K + strength, both), float)
@@ -191,14 +195,17 @@ class Instants:
     ) -> Solved:  # fmt: skip
         """The forces after the filter, with their dependence on the constants `C` (comb, rows, q)."""
         recording, comb = self.run.recording, self.run.comb
-        difference = contact.difference[comb]
+        difference = contact.difference.at(comb)
         there = present(self.run, self.rows)
         rest = decimated(self._residual(contact.loads(values)), recording.filters).T * there
-        weight = there / errors.variance(BLOCK * recording.filters.rate / recording.filters.step)
+        alike = BLOCK * recording.filters.rate / recording.filters.step
+        weight = there / errors.variance(alike)
         if self.changes.rest is not None:
             start, stop = self.changes.rest
             weight = weight * ((recording.t[comb] >= start) & (recording.t[comb] <= stop))[:, None]
-        normal, right = information(C, self._per_unknown(contact)[comb], rest, weight, difference)
+        off = decimated(contact.difference.off(values)[None], recording.filters)[0]
+        lasting = contact.difference.at(comb, alike)
+        normal, right = information(C, self._per_unknown(contact)[comb], rest, weight, lasting, off)
         T, split = SUMS @ gains[0][comb], gains[1][comb] @ SUMS.T
         slopes = -(T @ C)
         among = np.array([one.kind == ASSUMED for one in constants])
@@ -206,7 +213,7 @@ class Instants:
             "noise": np.einsum("nfr,rs,nfs->nf", T, errors.noise, T, optimize=True),
             "lack of fit": np.einsum("nfr,r->nf", T**2, errors.lack),
             ASSUMED: PASSING / (1.0 - PASSING) * np.sum(slopes[..., among] ** 2, axis=2)
-            + (difference[:, None] * split) ** 2,
+            + (difference.sigma[:, None] * split) ** 2,
         }
         own, by_axle = self._reported(there)
         reported = decimated(values, recording.filters).T @ SUMS.T

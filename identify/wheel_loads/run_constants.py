@@ -21,7 +21,7 @@ from lacet.identify.regression.tolerances import entry_name, sheet_entries, shee
 from lacet.identify.signals.decimation import decimated
 from lacet.identify.wheel_loads.known_car import Changes, KnownCar
 from lacet.identify.wheel_loads.settings import NEW_OFFSET, PASSING
-from lacet.identify.wheel_loads.tyre_contact import prior_difference
+from lacet.identify.wheel_loads.tyre_contact import AxleDifference
 from lacet.identify.wheel_loads.without_dynamometers import LOADS
 
 ASSUMED = "assumed"
@@ -124,21 +124,25 @@ def present(run: PreparedRun, rows: Sequence[Row]) -> Array:
     return dense(run, rows, {row: np.ones((len(places), 1)) for row, places in run.index.items()}, 1)[..., 0]
 
 
-def information(C: Array, K: Array, rest: Array, weight: Array, difference: Array) -> tuple[Array, Array]:
+def information(
+    C: Array, K: Array, rest: Array, weight: Array, difference: AxleDifference, off: Array
+) -> tuple[Array, Array]:
     """Normal matrix (q, q) and right side (q,) of the constants ÷ their σ, each instant's unknowns eliminated.
 
     Parameters
     ----------
     C : (n, rows, q) change of the rows per constant; `K` : (n, rows, unknowns) per unknown.
     rest : (n, rows) residual; `weight` : (n, rows) 1 ÷ variance of each row, 0 where it is absent.
-    difference : (n,) 1 σ of the difference of the axles' longitudinal forces [N].
+    difference : what is assumed of the axles' longitudinal forces; `off` (n,) how far the unknowns are from it [N].
     """
     used = np.any(weight > 0.0, axis=1)
     per_unknown, weight = K[used], weight[used]
-    normal = np.einsum("nri,nr,nrj->nij", per_unknown, weight, per_unknown) + prior_difference(difference[used])[1]
+    prior, strength = difference.at(used).equations()
+    normal = np.einsum("nri,nr,nrj->nij", per_unknown, weight, per_unknown) + strength
     both = np.concatenate([C[used], rest[used, :, None]], axis=2)
     weighted = both * weight[..., None]
     projected = per_unknown.transpose(0, 2, 1) @ weighted
+    projected[..., -1] += prior * off[used, None]
     solved = np.asarray(np.linalg.solve(normal, projected), float)
     total = np.einsum("nrq,nrp->qp", weighted, both, optimize=True)
     total -= np.einsum("niq,nip->qp", projected, solved, optimize=True)

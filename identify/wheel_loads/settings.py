@@ -35,7 +35,8 @@ class Assumptions:
     degression : part by which the division differs from that in proportion: 1 where both wheels carry the same.
     longitudinal : half of the difference of longitudinal forces left and right, as a part of the axle's; and
         `longitudinal_force` as a force [N].
-    axles : difference between the axles' longitudinal forces, as a part of the car's; and `axles_force` as a force [N].
+    axles : difference between the axles' longitudinal forces beyond that of driven wheels that drive and of brakes in
+        proportion to vertical loads, as a part of the car's; and `axles_force` as a force [N].
     spin_inertia : moment of inertia of rim and tyre about the axis ÷ their mass times R0², with ``hub`` loads.
     """
 
@@ -49,7 +50,7 @@ class Assumptions:
     degression: Tolerance = Tolerance(0.15, 0.25)
     longitudinal: Tolerance = Tolerance(0.0, 0.05)
     longitudinal_force: Tolerance = Tolerance(0.0, 30.0)
-    axles: Tolerance = Tolerance(0.0, 1.0)
+    axles: Tolerance = Tolerance(0.0, 0.3)
     axles_force: Tolerance = Tolerance(0.0, 300.0)
     spin_inertia: Tolerance = Tolerance(0.65, 0.15)
 

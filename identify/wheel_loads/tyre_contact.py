@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.vehicle import Corner
@@ -26,16 +28,35 @@ UNKNOWNS = (*(f"z.{c}" for c in CORNERS), *(f"{k}.{axle}" for k in "xy" for axle
 """Unknown forces: vertical at each wheel, longitudinal and lateral of each axle [N]."""
 
 
-def prior_difference(sigma: Array) -> tuple[Array, Array]:
-    """What is assumed of the difference of the axles' longitudinal forces: 0 ± `sigma` (N,) [N].
+DIFFERENCE = np.array([{"x.front": 1.0, "x.rear": -1.0}.get(name, 0.0) for name in UNKNOWNS])
+"""Longitudinal force of the front axle less that of the rear one, in the unknowns."""
 
-    (N, unknowns) what one newton of it adds to the normal equations' right side, (N, unknowns, unknowns) to the matrix.
+
+@dataclass(frozen=True)
+class AxleDifference:
+    """What is assumed of the longitudinal force of the front axle less that of the rear one.
+
+    `mean`, `sigma` : (N,) mean and 1 σ [N].
     """
-    direction = np.zeros(len(UNKNOWNS))
-    direction[[UNKNOWNS.index(f"x.{axle}") for axle in AXLES]] = 1.0, -1.0
-    square = np.outer(direction, direction) + _WEAK * np.eye(len(UNKNOWNS))
-    weight = sigma[:, None] ** -2.0
-    return weight * direction, weight[..., None] * square
+
+    mean: Array
+    sigma: Array
+
+    def off(self, values: Array) -> Array:
+        """(N,) difference of the unknowns' values (8, N) less the mean [N]."""
+        return DIFFERENCE @ values - self.mean
+
+    def at(self, instants: NDArray[Any], alike: float = 1.0) -> AxleDifference:
+        """The same at some of the instants, if what is off stays the same for `alike` of them."""
+        return AxleDifference(self.mean[instants], self.sigma[instants] * np.sqrt(alike))
+
+    def equations(self) -> tuple[Array, Array]:
+        """(N, unknowns) what one newton of it adds to the normal equations' right side, (N, unknowns, unknowns) to the
+        matrix.
+        """
+        square = np.outer(DIFFERENCE, DIFFERENCE) + _WEAK * np.eye(len(UNKNOWNS))
+        weight = self.sigma[:, None] ** -2.0
+        return weight * DIFFERENCE, weight[..., None] * square
 
 
 @dataclass(frozen=True)
@@ -84,17 +105,18 @@ class TyreContact:
     motion : of the run; its loads are not used.
     outboard : corner → mass outboard of the transducer [kg], with ``hub`` loads; empty with ``contact`` loads.
     share : axle → (N,) part of its lateral force that the left wheel has.
-    difference : (N,) 1 σ of the difference of the axles' longitudinal forces [N].
+    difference : what is assumed of the axles' longitudinal forces.
     """
 
     def __init__(
         self, motion: Motion, corners: Mapping[str, Corner], assumed: Assumptions, outboard: Mapping[str, float],
-        share: Mapping[str, Array] | None = None, difference: Array | None = None,
+        share: Mapping[str, Array] | None = None, difference: AxleDifference | None = None,
     ):  # fmt: skip
         self.motion, self.vehicle, self.assumed, self.outboard = motion, corners, assumed, outboard
         self.axes = {c: WheelAxes(wheel) for c, wheel in motion.corners.items()}
         self.share = share or {axle: np.full(motion.t.size, 0.5) for axle in AXLES}
-        self.difference = np.full(motion.t.size, _AT_FIRST) if difference is None else difference
+        at_first = AxleDifference(np.zeros(motion.t.size), np.full(motion.t.size, _AT_FIRST))
+        self.difference = at_first if difference is None else difference
 
     def divided(self, values: Array) -> TyreContact:
         """The same with forces divided as the unknowns suggest, of which `values` (8, N) are known."""
@@ -102,11 +124,24 @@ class TyreContact:
         for axle in AXLES:
             part = self._left_part(values, axle) - 0.5
             share[axle] = 0.5 + part * (1.0 - self.assumed.degression.mean)
-        along = np.abs(np.sum([values[UNKNOWNS.index(f"x.{axle}")] for axle in AXLES], axis=0))
-        difference = self.assumed.axles.sigma * along + self.assumed.axles_force.sigma
-        out = TyreContact(self.motion, self.vehicle, self.assumed, self.outboard, share, difference)
+        out = TyreContact(self.motion, self.vehicle, self.assumed, self.outboard, share, self._axle_difference(values))
         out.axes = self.axes
         return out
+
+    def _axle_difference(self, values: Array) -> AxleDifference:
+        """Driven wheels drive; all brake, in proportion to their loads, as brakes are laid out."""
+        along = np.sum([values[UNKNOWNS.index(f"x.{axle}")] for axle in AXLES], axis=0)
+        loads = {axle: sum(values[UNKNOWNS.index(f"z.{c}")] for c in wheels) for axle, wheels in AXLES.items()}
+        driven = {axle: any(self.vehicle[c].driven for c in wheels) for axle, wheels in AXLES.items()}
+
+        def shared(front: Array | float, rear: Array | float) -> Array:
+            total = np.maximum(front + rear, 1.0)
+            return np.clip((front - rear) / total, -1.0, 1.0)
+
+        braking = shared(*loads.values())
+        driving = shared(*(load * driven[axle] for axle, load in loads.items())) if any(driven.values()) else braking
+        size = self.assumed.axles.sigma * np.abs(along) + self.assumed.axles_force.sigma
+        return AxleDifference(along * np.where(along > 0.0, driving, braking), size)
 
     @staticmethod
     def _left_part(values: Array, axle: str) -> Array:

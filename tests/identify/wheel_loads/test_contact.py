@@ -18,7 +18,7 @@ from lacet.identify.wheel_loads.measured_forces import forces_of
 from lacet.identify.wheel_loads.outputs import SUMS
 from lacet.identify.wheel_loads.run_constants import information, per_wheel_mass
 from lacet.identify.wheel_loads.settings import STANDARD
-from lacet.identify.wheel_loads.tyre_contact import UNKNOWNS, TyreContact, prior_difference, with_loads
+from lacet.identify.wheel_loads.tyre_contact import UNKNOWNS, AxleDifference, TyreContact, with_loads
 from lacet.identify.wheel_loads.without_dynamometers import LOADS, placed, rows_of
 from tests.identify import cars
 
@@ -86,23 +86,39 @@ def test_a_mass_at_a_wheel_is_a_body_in_every_row() -> None:
 def test_the_constants_are_those_of_one_large_least_squares() -> None:
     """Eliminating the unknowns of every instant gives what all equations together give."""
     rng = np.random.default_rng(8)
-    n, rows, q, axles = 6, 12, 5, rng.uniform(500.0, 900.0, 6)
+    n, rows, q = 6, 12, 5
+    axles, off = AxleDifference(np.zeros(n), rng.uniform(0.5, 0.9, n)), rng.normal(size=n)
     C, K, rest = rng.normal(size=(n, rows, q)), rng.normal(size=(n, rows, len(UNKNOWNS))), rng.normal(size=(n, rows))
     weight = rng.uniform(0.5, 2.0, (n, rows))
     weight[2, 3] = 0.0
-    normal, right = information(C, K, rest, weight, axles)
+    normal, right = information(C, K, rest, weight, axles, off)
     found = np.linalg.solve(normal + np.eye(q), right)
     lines, sides = [np.eye(q + n * len(UNKNOWNS))[:q]], [np.zeros(q)]
-    priors = np.linalg.cholesky(prior_difference(axles)[1]).transpose(0, 2, 1)
+    priors = np.linalg.cholesky(axles.equations()[1]).transpose(0, 2, 1)
+    sides_of_prior = np.linalg.solve(priors.transpose(0, 2, 1), axles.equations()[0][..., None])[..., 0] * off[:, None]
     for i in range(n):
         own = np.zeros((rows + len(UNKNOWNS), q + n * len(UNKNOWNS)))
         place = slice(q + i * len(UNKNOWNS), q + (i + 1) * len(UNKNOWNS))
         root = np.sqrt(weight[i])[:, None]
         own[:rows, :q], own[:rows, place], own[rows:, place] = root * C[i], root * K[i], priors[i]
         lines.append(own)
-        sides.append(np.concatenate([-root[:, 0] * rest[i], np.zeros(len(UNKNOWNS))]))
+        sides.append(np.concatenate([-root[:, 0] * rest[i], -sides_of_prior[i]]))
     every = np.linalg.lstsq(np.concatenate(lines), np.concatenate(sides), rcond=None)[0]
     np.testing.assert_allclose(found, every[:q], rtol=1e-7)
+
+
+@pytest.mark.parametrize("along", [2000.0, -8000.0])
+def test_driven_wheels_drive_and_all_wheels_brake_by_their_loads(along: float) -> None:
+    """Of a car with driven front wheels the assumed difference of the axles is all of a drive, a part of braking."""
+    contact = contact_of(motion_of(4))
+    vehicle = {c: replace(corner, driven=c[0] == "f") for c, corner in contact.vehicle.items()}
+    contact = TyreContact(contact.motion, vehicle, contact.assumed, contact.outboard)
+    at = dict.fromkeys(UNKNOWNS, 0.0) | {"z.fl": 4000.0, "z.fr": 4000.0, "z.rl": 1000.0, "z.rr": 1000.0}
+    values = np.array(list((at | {"x.front": along, "x.rear": 0.0}).values()))[:, None]
+    difference = contact.divided(values * np.ones(contact.motion.t.size)).difference
+    np.testing.assert_allclose(difference.mean, along if along > 0.0 else 0.6 * along)
+    np.testing.assert_allclose(difference.sigma, 300.0 + 0.3 * abs(along))
+    np.testing.assert_allclose(difference.off(values), along - difference.mean)
 
 
 def test_what_is_lacking_is_named_with_what_to_add() -> None:

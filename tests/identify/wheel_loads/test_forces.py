@@ -10,11 +10,14 @@ import pytest
 from lacet.daq.channels import CORNERS
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
-from lacet.identify.wheel_loads.known_car import Changes, KnownCar
+from lacet.identify.wheel_loads.instants import Instants
+from lacet.identify.wheel_loads.known_car import NOTHING, Changes, KnownCar
 from lacet.identify.wheel_loads.measured_forces import errors
 from lacet.identify.wheel_loads.observer import estimate_forces
 from lacet.identify.wheel_loads.outputs import EstimatedForces
-from lacet.identify.wheel_loads.without_dynamometers import LOADS
+from lacet.identify.wheel_loads.settings import STANDARD
+from lacet.identify.wheel_loads.tyre_contact import UNKNOWNS, TyreContact
+from lacet.identify.wheel_loads.without_dynamometers import LOADS, placed, rows_of
 from tests.support.once import once
 
 SECONDS = slice(0, 1500)
@@ -65,6 +68,22 @@ def test_axles_are_not_told_apart_where_nothing_does(found: dict[str, EstimatedF
     for forces in found.values():
         assert forces["car.force_estimated.x"].determined.all()
         assert not forces["axle.front.force_estimated.x"].determined.any()
+
+
+def test_what_is_assumed_holds_however_often_the_loads_are_solved_for(
+    fitted: Fit, drives: dict[str, PreparedRun]
+) -> None:
+    """No row has the difference of the axles' longitudinal forces: it stays where it is assumed, turn by turn."""
+    record = drives["sine"].recording.at(slice(0, 500))
+    run = PreparedRun(placed(record, {}))
+    rows = tuple(row for row in rows_of(run.recording, fitted.sigma) if row.kind != "spin")
+    instants = Instants(KnownCar(fitted), run, rows, NOTHING, np.random.default_rng(1))
+    contact = TyreContact(run.motion, record.vehicle.corners, STANDARD, instants.car.outboard)
+    gains = instants.solver(contact, np.array([fitted.sigma[row] ** 2 for row in rows]))
+    once = instants.improved(contact, np.zeros((len(UNKNOWNS), record.t.size)), gains)
+    twice = instants.improved(contact, once, gains)
+    assert np.abs(contact.difference.off(once)).max() > 1.0
+    np.testing.assert_allclose(twice, once, rtol=1e-4, atol=0.5)
 
 
 def test_a_mass_that_came_off_is_in_the_band(
