@@ -112,11 +112,14 @@ def called() -> str:
 
 
 def _next(program: str, study: Path) -> str:
+    nothing = _ROOT / "replay_logs" / "nothing-hidden"
+    if nothing.is_relative_to(Path.cwd()):
+        nothing = nothing.relative_to(Path.cwd())
     lines = {
         f"ui {study} --open": "the same on a page in the browser",
         f"compare {study}": "every row, with pictures",
         f"undo {study}": "go back, then add another effect",
-        "demo --captures replay_logs/nothing-hidden --out demo-nothing": "a car that lacks nothing",
+        f"demo --captures {nothing} --out demo-nothing": "a car that lacks nothing",
         "--help": "all commands",
     }
     short = [f"{program} {words}" for words in lines]
@@ -159,13 +162,15 @@ def _over_the_wires(capture: Path, out: Path, others: list[Path]) -> int:
             if code:
                 print(f"   {name} ended with exit code {code}: see {out / f'{name}.txt'}", flush=True)
                 status = WITH_LOSSES
+            if name == "record" and not log.exists():
+                break  # nothing will reach the worker
     finally:
         for process in processes.values():
             if process.poll() is None:
                 process.terminate()
     if not log.exists():
         raise UsageError(f"nothing was recorded: see {out / 'record.txt'}")
-    print("   " + "\n   ".join((out / "record.txt").read_text(encoding="utf-8").splitlines()[-6:]))
+    print("   " + "\n   ".join((out / "record.txt").read_text(encoding="utf-8").splitlines()[-3:]))  # how it ended
     return status
 
 
@@ -175,7 +180,7 @@ def _lacet(out: Path, command: str, *arguments: object) -> subprocess.Popen[byte
     text = (out / f"{command}.txt").open("wb")
     return subprocess.Popen(
         [sys.executable, "-m", "lacet", command, *map(str, arguments)],
-        stdout=text, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, cwd=_ROOT if not out.is_absolute() else None,
+        stdout=text, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
     )  # fmt: skip
 
 

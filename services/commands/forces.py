@@ -74,10 +74,10 @@ def run(args: argparse.Namespace) -> int:
         session = Session(study.at(version), line.progress)
         with session.planned(("compared", version)):
             drive = read_run(study, args.run_file, args.rig, args.map)
-            first, last = float(drive.recording.t[0]), float(drive.recording.t[-1])
+            first, last = (round(float(drive.recording.t[end]), 1) for end in (0, -1))  # as printed
             if args.rest and not first <= args.rest[0] < args.rest[1] <= last:
                 raise UsageError(
-                    f"--rest {args.rest[0]:g} {args.rest[1]:g}: {drive.name} is from {first:.1f} to {last:.1f} s"
+                    f"--rest {args.rest[0]:g} {args.rest[1]:g}: {drive.name} is from {first:g} to {last:g} s"
                 )
             car = session.values.known_car(version)
         line.progress(ServiceStep(ServiceStage.WHEEL_FORCES, subject=drive.name))

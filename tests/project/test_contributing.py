@@ -15,7 +15,7 @@ from lacet.identify.car.kinematics import build_motion
 from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.effects.user_files import checked_columns
 from lacet.services.workspace.effect_files import own_classes
-from tests.drivers.driver_cases import PLAUSIBLE, decode_all, plausible_blocks, same_blocks
+from tests.drivers.driver_cases import decode_all, plausible_blocks, same_blocks
 from tests.identify import cars
 from tests.support.places import HOME
 
@@ -37,11 +37,10 @@ def test_the_files_of_the_page_are_in_rooms_that_are_there() -> None:
 
 
 def test_the_sensor_decodes_what_it_sends_and_counts_what_is_lost(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
     (tmp_path / "brake_gauge.dbc").write_text(BLOCKS["drivers/dbc/brake_gauge.dbc"], encoding="utf-8")
     (tmp_path / "gauge.py").write_text(BLOCKS["drivers/brake_gauge.py"], encoding="utf-8")
-    monkeypatch.setitem(PLAUSIBLE, "brake.pressure", (0.0, 2e7))
     made = runpy.run_path(str(tmp_path / "gauge.py"))["BrakeGauge"]
     assert issubclass(made, CanSensor)
     driver = made("can0", {"dbc": "brake_gauge.dbc"}, tmp_path)

@@ -10,6 +10,7 @@ import pytest
 
 from lacet.services.commands import demo
 from lacet.services.commands.__main__ import build_parser, find_commands, main
+from tests.support.places import HOME
 
 
 def test_the_overview_names_every_command_without_loading_any() -> None:
@@ -82,3 +83,14 @@ def test_an_option_for_several_values_may_be_written_several_times(words: list[s
     """A run of `--use a --use b` that only the last was used of would be lost without a word."""
     found = build_parser().parse_args([*words, f"--{option}", "a", "b", f"--{option}", "c"])
     assert list(map(str, getattr(found, option))) == ["a", "b", "c"]
+
+
+def test_the_demonstration_s_processes_work_in_the_folder_that_it_was_called_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    out = Path("out")
+    out.mkdir()
+    (out / "rig.toml").write_bytes((HOME / "tests/data/car/rig.toml").read_bytes())
+    assert demo._lacet(out, "info", out / "rig.toml").wait(60) == 0
+    assert "wheels" in (out / "info.txt").read_text(encoding="utf-8")
