@@ -28,9 +28,10 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.wls import FitOptions, fit
+from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.reconstruct import bring_together
+from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import compare
 from lacet.identify.wheel_loads.known_car import KnownCar
 from lacet.identify.wheel_loads.lack_of_fit import lack_of_fit
@@ -88,6 +89,13 @@ def without_loads(run: Run) -> Run:
     return replace(run, signals={name: signal for name, signal in run.signals.items() if name not in LOADS})
 
 
+def known_car(fitted: Fit, runs: Sequence[PreparedRun]) -> KnownCar:
+    """The car as a fit knows it, its lack of fit that of the runs used."""
+    knowledge = Knowledge.of(fitted)
+    compared = [(run, compare(fitted, run, draws=8)) for run in runs]
+    return KnownCar(fitted, lack_of_fit(fitted, knowledge, compared), knowledge=knowledge)
+
+
 def campaign(number: int, held: Sequence[tuple[str, Mapping[str, Any]]] = HELD) -> Iterator[Line]:
     """One campaign: the car identified, and the forces of each held-out run against the simulator's."""
     rig, filters = Rig.load(CAR), Filters()
@@ -100,7 +108,7 @@ def campaign(number: int, held: Sequence[tuple[str, Mapping[str, Any]]] = HELD) 
     used = [measured(motion(name, tuple(some.items()), 1), k) for k, (name, some) in enumerate(USED)]
     runs = [PreparedRun.of(run, vehicle, rig) for run in used]
     fitted = fit(Model.of(base_model(vehicle, rig.wheel_reference)), runs, FitOptions(draws=4))
-    car = KnownCar(fitted, lack_of_fit([compare(fitted, run, draws=8) for run in runs]))
+    car = known_car(fitted, runs)
     for k, (name, some) in enumerate(held):
         moved = motion(name, tuple(some.items()), 2)
         hidden = PreparedRun.of(without_loads(measured(moved, 50 + k)), vehicle, rig, filters)
@@ -119,8 +127,7 @@ def reference_car() -> Iterator[Line]:
     for name, held in runs.items():
         others = [run for other, run in runs.items() if other != name]
         fitted = fit(model, others)
-        car = KnownCar(fitted, lack_of_fit([compare(fitted, run, draws=8) for run in others]))
-        yield from lines_of(0, name, estimate_forces(car, held), held, exact=False)
+        yield from lines_of(0, name, estimate_forces(known_car(fitted, others), held), held, exact=False)
 
 
 def lines_of(number: int, name: str, estimated: EstimatedForces, run: PreparedRun, exact: bool) -> Iterator[Line]:

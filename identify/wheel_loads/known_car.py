@@ -46,7 +46,7 @@ class KnownCar:
     Attributes
     ----------
     fitted : the fit.
-    lack : row → RMS by which the fit leaves more than noise and uncertain parameters explain (`lack_of_fit`).
+    lack : row → RMS by which the fit leaves more than noise, parameters and tolerances explain (`lack_of_fit`).
     assumed : what is assumed of the contact between tyre and road.
     knowledge : of the fit's parameters, where it is computed already.
     """
@@ -58,14 +58,8 @@ class KnownCar:
 
     @cached_property
     def parameter_errors(self) -> Array:
-        """(p, r) L with L Lᵀ the covariance of the physics' parameters, the sensor sheet of the study included."""
-        p = self.fitted.model.physics_size
-        known = self.knowledge or Knowledge.of(self.fitted)
-        covariance = known.covariance + self.fitted.covariance_sheet[:p, :p]
-        scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-        size, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-        kept = size > _SMALLEST * size[-1]
-        return scale[:, None] * vectors[:, kept] * np.sqrt(size[kept])
+        """As the function of this name, of the fit."""
+        return parameter_errors(self.fitted, self.knowledge or Knowledge.of(self.fitted))
 
     @property
     def outboard(self) -> dict[str, float]:
@@ -73,3 +67,16 @@ class KnownCar:
         names = self.fitted.model.names
         found = {c: f"outboard_mass.{c}.m" for c in CORNERS}
         return {c: self.fitted.value(name) for c, name in found.items() if name in names}
+
+
+def parameter_errors(fitted: Fit, knowledge: Knowledge) -> Array:
+    """(p, r) L with L Lᵀ the covariance of the physics' parameters, the sensor sheet of the study included.
+
+    `knowledge` : that of the fit.
+    """
+    p = fitted.model.physics_size
+    covariance = knowledge.covariance + fitted.covariance_sheet[:p, :p]
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    size, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    kept = size > _SMALLEST * size[-1]
+    return scale[:, None] * vectors[:, kept] * np.sqrt(size[kept])

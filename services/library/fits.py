@@ -157,8 +157,9 @@ class Fit:
             recording = self.runs.prepared[0].recording
             read = replace(open_log(Path(run), None), wheel_reference=loaded.reference)
             drive = PreparedRun.of(read, loaded.vehicle, loaded.rig, recording.filters)
-            parts = [compare(self.details, one, SCORE_DRAWS) for one in held or self.runs]
-            car = KnownCar(self.details, lack_of_fit(parts), knowledge=self.knowledge)
+            compared = [(one, compare(self.details, one, SCORE_DRAWS)) for one in held or self.runs]
+            lack = lack_of_fit(self.details, self.knowledge, compared)
+            car = KnownCar(self.details, lack, knowledge=self.knowledge)
             return estimate_forces(car, drive, Changes(*mass, rest))
 
     def summary(self) -> str:

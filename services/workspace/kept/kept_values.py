@@ -176,8 +176,10 @@ class KeptValues:
 
         Its lack of fit is that of the runs held out, where there are any.
         """
-        parts = self.comparisons(version, held=True) or self.comparisons(version, held=False)
-        return KnownCar(self.fitted(version), lack_of_fit(parts), knowledge=self.knowledge(version))
+        held = bool(self.comparisons(version, held=True))
+        compared = zip(self.runs.prepared(held), self.comparisons(version, held), strict=True)
+        fitted, knowledge = self.fitted(version), self.knowledge(version)
+        return KnownCar(fitted, lack_of_fit(fitted, knowledge, compared), knowledge=knowledge)
 
     def forces(self, version: Version) -> list[ComparedForces]:
         """Wheel forces of the runs held out, estimated as if without dynamometers, beside what these measured."""
