@@ -43,7 +43,7 @@ help:
 	@echo 'make laws          docs/benchmarks/laws.md anew: laws nobody listed, hidden and found (half an hour)   (ARGS="--set test")'
 	@echo 'make campaign      docs/benchmarks/campaign.md anew: 1, 10, 100 and 1,000 runs on two workers (half an hour)'
 	@echo 'make catalogue     docs/catalogue.md and its pictures anew'
-	@echo 'make pictures      the pictures of docs/model.md anew'
+	@echo 'make pictures      the pictures of docs/model.md anew, and after make demo that of README.md'
 	@echo 'make reference     docs/reference/ anew from the docstrings'
 	@echo 'make docs          the pages of docs/ as a site that can be searched, in build/site; a broken link is an error'
 	@echo 'make notebook      docs/notebooks anew from their scripts (a few minutes)'
@@ -132,6 +132,7 @@ catalogue: .venv/.dev
 
 pictures: .venv/.dev
 	@$(PY) -m benchmarks.model_page
+	@test ! -d demo-out/study || $(PY) docs/images/build.py
 
 docs: .venv/.dev
 	@$(PY) -m sphinx -q -W --keep-going -b html docs build/site

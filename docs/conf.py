@@ -20,6 +20,7 @@ html_theme = "furo"
 html_title = "lacet"
 html_show_copyright = False
 html_theme_options = {"navigation_with_keys": True}
+html_search_scorer = str(HERE / "search_order.js")
 exclude_patterns = ["reference/generate.py", "notebooks/build.py"]
 # Notebooks are kept with their results: `make notebook` runs them, and a test compares.
 nb_execution_mode = "off"
@@ -28,7 +29,10 @@ myst_heading_anchors = 4
 _KIND = re.compile(r"^\*\*(?P<kind>[^*]+)\*\*", re.MULTILINE)
 _LINK = re.compile(r"\]\((?P<page>[^)#:]+?)(?:\.md|\.ipynb)\)")
 _OUTSIDE = re.compile(r"\]\((?P<file>(?:\.\./)+[^)#:]+\.md)\)")
-_NAMED = re.compile(r"\[(?P<page>[^\]]+\.(?:md|ipynb))\]\((?P=page)\)")
+_NAMED = re.compile(
+    r"\[(?P<name>[\w/-]+\.(?:md|ipynb))\]\((?P<page>(?!(?:\.\./)+[A-Z])(?:[\w./-]+/)?(?P=name)(?:#[\w-]+)?)\)"
+)
+"""A link that shows the name of a page's file."""
 _FENCES = ("wire", "csv")
 """Kinds of blocks for which there is no highlighting."""
 

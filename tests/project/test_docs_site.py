@@ -27,13 +27,19 @@ def test_the_site_has_every_page_and_needs_no_network(tmp_path: Path) -> None:
     index = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert re.findall(r'caption-text">([^<]+)<', index)[:4] == ["Start", "How to", "Explanation", "Reference"]
     assert ">The workbench<" in index
+    shown = "".join(page.read_text(encoding="utf-8") for page in tmp_path.glob("*.html"))
+    links = re.findall(r'<a class="reference internal" href="[^"]*"><span class="[^"]*">([^<]+)<', shown)
+    assert "Axes" in links  # of [channels.md](channels.md#axes)
+    assert [link for link in links if link.endswith((".md", ".ipynb")) and link != "report.md"] == []
+    assert "LOOKED_UP.some" in (tmp_path / "_static" / "language_data.js").read_text(encoding="utf-8")
     assert "latency" in (tmp_path / "searchindex.js").read_text(encoding="utf-8")
     assert not re.findall(r'(?:src|<link[^>]*href)="https?:', index)
 
 
 def test_a_broken_link_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "decisions").mkdir()
-    shutil.copy(DOCS / "conf.py", tmp_path)
+    for file in ("conf.py", "search_order.js"):
+        shutil.copy(DOCS / file, tmp_path)
     for link, code in (("other.md", 0), ("absent.md", 1)):
         (tmp_path / "other.md").write_text("# Other\n")
         (tmp_path / "index.md").write_text(f"# Pages\n\n**Start**\n- [x]({link})\n- [other.md](other.md)\n")

@@ -81,7 +81,7 @@ def fall_figure(versions: Sequence[Any]) -> Figure:
         values = [pooled_ratio(v.result["rows"][kind]) for v in versions]
         if np.all(np.isfinite(values)):
             bars = axes.bar(x + offset * width, values, width, color=colour, label=label)
-            axes.bar_label(bars, fmt="%.2f", fontsize=9)
+            axes.bar_label(bars, fmt="%.2f", fontsize=9, padding=2.5)
     axes.axhline(1.0, color=MEASURED, lw=1.2, ls="--", label="noise floor")
     axes.set_yscale("log")
     low, high = axes.get_ylim()
