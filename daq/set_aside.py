@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import tempfile
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
@@ -10,6 +9,8 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from lacet.daq.file_places import read_at, write_at
 
 Array = NDArray[np.float64]
 K = TypeVar("K", bound=Hashable)
@@ -46,7 +47,7 @@ class DiskSpace:
     def _write(self, array: Array) -> None:
         rest = array.reshape(-1).data.cast("B") if array.size else memoryview(b"")
         while rest:
-            done = os.pwrite(self._file.fileno(), rest, self._end)
+            done = write_at(self._file.fileno(), rest, self._end)
             self._end, rest = self._end + done, rest[done:]
 
     def read(self, start: int, shape: tuple[int, ...]) -> Array:
@@ -54,8 +55,7 @@ class DiskSpace:
         out = np.empty(shape)
         rest = out.reshape(-1).data.cast("B") if out.size else memoryview(b"")
         while rest:
-            # The system reads 2 GB at most at once.
-            done = os.preadv(self._file.fileno(), [rest], start)
+            done = read_at(self._file.fileno(), rest, start)
             if not done:
                 raise OSError("a temporary file is shorter than what was written to it")
             start, rest = start + done, rest[done:]

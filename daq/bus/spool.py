@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.daq.file_places import read_at, write_at
 from lacet.daq.formats.wire import Tally
 
 MEMORY = 64 << 20
@@ -86,7 +86,7 @@ class Spool:
     def _entries(self, name: str, first: int, end: int) -> NDArray[Any]:
         """Places of messages `first` to `end` − 1; those of length 0 are not stored."""
         out = np.zeros(end - first, _ENTRY)
-        found = os.pread(self._index.fileno(), out.nbytes, self._at(name, first))
+        found = _read(self._index, out.nbytes, self._at(name, first))
         whole = len(found) // _ENTRY.itemsize
         out[:whole] = np.frombuffer(found, _ENTRY, whole)
         return out
@@ -99,7 +99,7 @@ class Spool:
             (entry,) = self._entries(name, sequence, sequence + 1)
             if not entry["length"]:
                 return self._memory.get((name, sequence))
-            return os.pread(self._file.fileno(), int(entry["length"]), int(entry["offset"]))
+            return _read(self._file, int(entry["length"]), int(entry["offset"]))
 
     def names(self) -> list[str]:
         """Names with stored messages."""
@@ -160,9 +160,15 @@ class Spool:
             self._index.close()
 
 
+def _read(file: Any, length: int, at: int) -> bytes:
+    """What is there of `length` bytes at that place."""
+    out = bytearray(length)
+    return bytes(out[: read_at(file.fileno(), memoryview(out), at)])
+
+
 def _write(file: Any, data: bytes, at: int) -> bool:
     """Whether all of `data` could be written at that place."""
     try:
-        return os.pwrite(file.fileno(), data, at) == len(data)
+        return write_at(file.fileno(), data, at) == len(data)
     except OSError:
         return False

@@ -8,6 +8,7 @@ import contextlib
 import gc
 import importlib
 import importlib.resources
+import io
 import os
 import pkgutil
 import sys
@@ -110,6 +111,8 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one sub-command. Returns 0: success, 2: bad usage or input, 3: losses, or nothing identifiable."""
     words = (sys.argv[1:] if argv is None else list(argv)) or ["--help"]
+    if argv is None:
+        _write_what_can_be_written()
     try:
         if words[0] not in _files():  # help, the version, or a word that is no command
             overview = build_overview()
@@ -129,6 +132,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         with one_thread(), contextlib.ExitStack() as stack:
             if args.json == "-":  # standard output is for the result only, text for people goes to standard error
                 args.json = sys.stdout
+                if isinstance(sys.stdout, io.TextIOWrapper):
+                    sys.stdout.reconfigure(encoding="utf-8")
                 stack.enter_context(contextlib.redirect_stdout(sys.stderr))
             return int(args.run(args))
     except NotIdentifiable as error:
@@ -162,6 +167,16 @@ def _without_collection() -> Iterator[None]:
     finally:
         if collects:
             gc.enable()
+
+
+def _write_what_can_be_written() -> None:
+    """Write ``?`` for a character that the output's encoding lacks (``→`` in a file of a Windows console).
+
+    A result as JSON goes out as UTF-8 in any case.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
 
 
 def _unread() -> int:

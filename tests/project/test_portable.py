@@ -7,24 +7,32 @@ import os
 import select
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from lacet.daq.bus.spool import Spool
 from lacet.daq.errors import UsageError
+from lacet.daq.set_aside import DiskSpace
 from lacet.services.acquisition import system_calls
 from lacet.services.commands.__main__ import main
 from tests.support.places import HOME
 
 FOLDERS = ("lacet", "daq", "drivers", "identify", "services", "simulate")
 FILES = sorted(file for folder in FOLDERS for file in (HOME / folder).glob("*.py" if folder == "lacet" else "**/*.py"))
+FOR_WIRES = ("services/acquisition", "services/commands/record.py", "services/commands/mark_key.py")
+"""Where functions may use what Windows lacks: what records, and what asks the system whether it has it."""
+ASKS = {"daq/file_places.py": ["os.preadv", "os.pwrite"]}
+"""Files that ask whether the system has a call, and do without it."""
 POSIX = ("fcntl", "grp", "posix", "pty", "pwd", "resource", "termios", "tty")
 """Modules that Windows has not; those within functions are for wires."""
 NAMES = {
     "os": {
-        "fdatasync", "fork", "fstatvfs", "geteuid", "getpgrp", "getuid", "killpg", "mkfifo", "openpty",
-        "sched_getaffinity", "sched_setaffinity", "setsid", "statvfs", "tcgetpgrp", "ttyname", "uname",
+        "fchmod", "fdatasync", "fork", "fstatvfs", "geteuid", "getloadavg", "getpgrp", "getuid", "killpg", "mkfifo",
+        "nice", "openpty", "posix_fallocate", "pread", "preadv", "pwrite", "pwritev", "sched_getaffinity",
+        "sched_setaffinity", "setpriority", "setsid", "statvfs", "sysconf", "tcgetpgrp", "ttyname", "uname", "waitpid",
     },
     "select": {"POLLHUP", "POLLIN", "POLLOUT", "epoll", "poll"},
     "signal": {"SIGALRM", "SIGHUP", "SIGKILL", "SIGTTIN", "SIGUSR1", "alarm", "setitimer"},
@@ -63,10 +71,10 @@ def while_loaded(node: ast.AST) -> Iterator[ast.AST]:
         yield from while_loaded(child)
 
 
-def only_posix(source: str) -> list[str]:
-    """What of a module's text is worked out while it is loaded and only POSIX systems have."""
+def only_posix(source: str, nodes: Callable[[ast.AST], Iterator[ast.AST]] = while_loaded) -> list[str]:
+    """What only POSIX systems have, of those parts of a module's text that `nodes` gives."""
     found: list[str] = []
-    for node in while_loaded(ast.parse(source)):
+    for node in nodes(ast.parse(source)):
         match node:
             case ast.Import(names=names):
                 found += [one.name for one in names if one.name.partition(".")[0] in POSIX]
@@ -99,6 +107,29 @@ def test_no_module_needs_posix_while_it_is_loaded() -> None:
     assert len(FILES) > 200
     found = {str(file.relative_to(HOME)): only_posix(file.read_text(encoding="utf-8")) for file in FILES}
     assert {name: those for name, those in found.items() if those} == {}
+
+
+def test_no_function_of_the_analysis_uses_what_windows_lacks() -> None:
+    assert only_posix("def f():\n    import fcntl\n    return os.fork()", ast.walk) == ["fcntl", "os.fork"]
+    names = [str(file.relative_to(HOME)) for file in FILES]
+    analysis = [name for name in names if not name.startswith(FOR_WIRES)]
+    assert len(names) - len(analysis) < 60
+    found = {name: only_posix((HOME / name).read_text(encoding="utf-8"), ast.walk) for name in analysis}
+    assert {name: those for name, those in found.items() if those} == ASKS
+
+
+def test_arrays_and_messages_are_set_aside_without_calls_that_windows_lacks(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("preadv", "pwrite"):
+        monkeypatch.delattr(os, name)
+    arrays = {"a": np.arange(70_000.0).reshape(7, -1), "b": np.ones(3)}
+    kept = DiskSpace().put(arrays)
+    for name, array in arrays.items():
+        np.testing.assert_array_equal(kept[name], array)
+    spool = Spool()
+    messages = {0: b"first", 3: bytes(100_000), 1: b"second"}
+    assert all(spool.add("x", number, message) for number, message in messages.items())
+    assert dict(spool.messages("x")) == messages
+    assert spool.gaps("x", 5) == [(2, 2), (4, 4)]
 
 
 def test_every_command_the_library_and_the_workbench_load_without_posix_modules(tmp_path: Path) -> None:

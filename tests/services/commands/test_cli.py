@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -94,3 +96,16 @@ def test_the_demonstration_s_processes_work_in_the_folder_that_it_was_called_in(
     (out / "rig.toml").write_bytes((HOME / "tests/data/car/rig.toml").read_bytes())
     assert demo._lacet(out, "info", out / "rig.toml").wait(60) == 0
     assert "wheels" in (out / "info.txt").read_text(encoding="utf-8")
+
+
+def test_an_encoding_without_all_characters_ends_no_command(tmp_path: Path) -> None:
+    """As in a file of a Windows console; the result as JSON is UTF-8."""
+    environment = {**os.environ, "PYTHONIOENCODING": "cp1252"}
+    for words, kept in ((["doctor"], False), (["doctor", "--json", "-"], True)):
+        done = subprocess.run(
+            [sys.executable, "-m", "lacet", *words], env=environment, capture_output=True, check=False
+        )
+        assert done.returncode in (0, 3), done.stderr
+        assert b"Python" in done.stdout
+        if kept:
+            json.loads(done.stdout.decode("utf-8"))
