@@ -46,7 +46,7 @@ def _sentence(note: ChainNote) -> str:
         case GravityAssumed(gravity, symbols):
             return f"{', '.join(symbols)} has no value: gravity is {_vector(gravity)}"
         case ValuesUnused(names):
-            return f"values were given for symbols that there are not: {', '.join(names)}"
+            return f"values were given for unknown symbols: {', '.join(names)}"
         case LinksJoined(names):
             return f"link(s) {', '.join(names)} on fixed joints are part of the body that carries them"
         case FramesInserted(numbers):

@@ -65,7 +65,7 @@ def from_equations(found: EquationFault) -> str:
         names = ", ".join(f"{column} ({100.0 * part:.0f} %)" for column, part in found.columns.items())
         return (
             f"{_runs(found.runs)}: the car's equations leave {found.misfit:.0f} times what noise explains, which no "
-            "missing effect does. Look at these channels first, whose scale or delay would explain most of it: "
+            "missing effect does. Check these channels first; their scale or delay would explain most of it: "
             f"{names}"
         )
     if isinstance(found, Misplaced):

@@ -33,7 +33,7 @@ def consistency_words(found: Consistency) -> str:
         )
     return (
         f"inconsistent by {found.distance:.2g} σ (p = {found.p:.2g}): noise does not explain it; "
-        f"most in {found.worst}. Look at what the model lacks and at the instruments"
+        f"most in {found.worst}. Find what the model lacks, and check the instruments"
     )
 
 

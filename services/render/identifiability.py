@@ -49,7 +49,7 @@ def unidentified(why: Unidentified | None) -> str:
             return ""
         case HardlyKnown(half, unit, shown_by):
             return (
-                f"the runs leave ± {half_width(half)} {unit}, hardly less than is plausible at all; {_SHOWS}{shown_by}"
+                f"the runs leave ± {half_width(half)} {unit}, hardly less than its plausible range; {_SHOWS}{shown_by}"
             )
         case WiderThanValue(half, unit, shown_by):
             return f"its 95 % interval (± {half_width(half)} {unit}) is wider than the value; {_SHOWS}{shown_by}"
@@ -106,7 +106,7 @@ def open_parameters(why: OpenParameters | None) -> str:
     if why is None:
         return ""
     if not why.names:
-        return "many parameters are each known a little too little"
+        return "many parameters, each known a little too loosely"
     them = "it" if len(why.names) == 1 else "them"
     runs = "; ".join(why.shown_by)
     return f"{listed(why.names)} not determined well enough by the runs used; what shows {them}: {runs}"

@@ -14,7 +14,7 @@ def sentence(doubt: Doubt) -> str:
             return f"imu.accel is {value:.3g} m/s², where gravity alone is 9.81{_unit(doubt)}"
         case Symptom.GRAVITY_DIRECTION:
             return (
-                f"imu.accel is {value:.3g} m/s² upwards, where gravity is +9.81: look at its signs and axes, and at "
+                f"imu.accel is {value:.3g} m/s² upwards, where gravity is +9.81: check its signs and axes, and "
                 "the sensor's orientation in the rig"
             )
         case Symptom.WEIGHT_SIGN:
@@ -49,8 +49,8 @@ def _compared(doubt: Doubt) -> str:
     match doubt.symptom:
         case Symptom.CORNERING_SIGN:
             return (
-                "imu.accel y is against imu.rate z times the speed: in a left turn both are positive. Look at signs "
-                "and axes, and at the sensors' orientation in the rig"
+                "imu.accel y has the sign opposite to imu.rate z times the speed: in a left turn both are positive. "
+                "Check signs and axes, and the sensors' orientation in the rig"
             )
         case Symptom.CORNERING_SIZE:
             return (
@@ -59,10 +59,13 @@ def _compared(doubt: Doubt) -> str:
             )
         case Symptom.FORCE_SIGN:
             (axis,) = doubt.subject
-            return f"the wheel forces' {axis} are against imu.accel {axis}: they should be mass times acceleration"
+            return (
+                f"the wheel forces' {axis} have the sign opposite to imu.accel {axis}: they should be mass times "
+                "acceleration"
+            )
         case Symptom.INERTIAL_UNIT_TURNED:
             return (
-                "the wheel forces' x and y go with imu.accel y and x: is the inertial unit turned by 90°? Look at its "
+                "the wheel forces' x and y go with imu.accel y and x: is the inertial unit turned by 90°? Check its "
                 "orientation in the rig"
             )
         case Symptom.LEANING:
@@ -72,7 +75,7 @@ def _compared(doubt: Doubt) -> str:
                 "imu.accel y has the wrong sign"
             )
         case Symptom.STEER_SIGN:
-            return "camera steer is against imu.rate z: both are positive to the left"
+            return "camera steer has the sign opposite to imu.rate z: both are positive to the left"
         case Symptom.STEER_SIZE:
             return f"the car turns {doubt.value:.2g} times as fast as its camera steer says: is steer in {doubt.guess}?"
         case _:

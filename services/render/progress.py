@@ -24,8 +24,8 @@ _PERCENT: dict[AnyStage, str] = {
 
 _PLAIN: dict[AnyStage, str] = {
     ServiceStage.PLANNED: "starting",
-    ServiceStage.STRUCTURE: "looking at the structure of the equations",
-    ServiceStage.SCORING: "scoring it on the runs used and held out",
+    ServiceStage.STRUCTURE: "grouping the parameters of the equations",
+    ServiceStage.SCORING: "computing its error on the runs used and held out",
     ServiceStage.CONTRIBUTIONS: "what each effect brings",
     ServiceStage.MANOEUVRE_PHASES: "the phases of driving",
     ServiceStage.BODY_CONSISTENCY: "testing whether these bodies can exist",
@@ -35,7 +35,7 @@ _PLAIN: dict[AnyStage, str] = {
     Stage.RESIDUAL_SPECTRA: "the residual in frequency",
     Stage.RESTORING_FORCES: "restoring-force surfaces",
     Stage.SENSOR_TOLERANCES: "what the sensor sheet leaves open",
-    Stage.SCORE_TESTS: "how far each takes the error down",
+    Stage.SCORE_TESTS: "how far each reduces the error",
     Stage.FORWARD_SELECTION: "what the best explain together",
     Stage.LACK_OF_FIT: "what they leave",
     Stage.FLOOR_AT_TOLERANCES: "the noise floor at the parameters that the sensor sheet leads to",

@@ -93,7 +93,11 @@ def explainable(found: ExplainableResidual) -> str:
     """The part of a row's residual that smooth functions of the measured states explain."""
     if not found.something and not found.depends_on_history:
         what = "nothing left to find that follows the measured states"
-        return f"{what}; the residual is louder than the sensor sheet says" if found.rms > FAILS * found.floor else what
+        return (
+            f"{what}; the residual has more noise than the sensor sheet states"
+            if found.rms > FAILS * found.floor
+            else what
+        )
     out = (
         f"{100 * found.part:.0f} % of the residual ({found.part_rms:.3g} {found.unit} RMS) follows the measured states"
         if found.something

@@ -120,7 +120,7 @@ def recommendation(keys: Sequence[str], now: float, best: RecommendedRun | None,
     if now >= needed and not alone:
         return (
             f"The runs at hand could {_names(keys)} (separation {short(now)}; {needed:g} is needed), yet the "
-            f"error falls alike with each: both may be missing, or neither. {best.manoeuvre} would show most "
+            f"error falls equally with each: both may be missing, or neither. {best.manoeuvre} would show most "
             f"(separation {short(best.after)})."
         )
     if best.seconds is None:

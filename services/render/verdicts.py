@@ -80,13 +80,13 @@ def reason_text(c: Candidate, effect: Effect | None, draws: int) -> str:
             return f"{takes} Implausible size: {wrong}, which no car has; something else looks like it ({chance})."
         case Reason.PART_OF_REST:
             return (
-                f"{takes} Undecided: no less than it explains remains unlisted in its rows; it may be a part of that "
-                f"cause ({chance})."
+                f"{takes} Undecided: at least as much as it explains remains unlisted in its rows; it may be a part of "
+                f"that cause ({chance})."
             )
         case Reason.TIED:
             return f"{takes} Undecided beside a cause that is not listed: {_tied(c)} cannot be ruled out in its place."
         case Reason.NO_TABLE:
-            return f"{takes} Undecided: beside a bench table of its axle that is not known it need not be there."
+            return f"{takes} Undecided: with an unknown bench table of its axle in the fit it need not be there."
         case _ if c.answer is Answer.MISSING:
             return f"{takes} Its size is {sizes(c, effect)} (95 %); {chance}."
         case _:
@@ -297,8 +297,8 @@ def _remaining(d: Diagnosis) -> str:
         laws = " and ".join(repr(law) for law in d.described)
         but = " but sums over places" if any(c.total is not None for c in d.found) else ""
         out += (
-            f" The sizes above{but} are from a fit with {laws} in the model, too; in a model without, the cause that "
-            f"is not listed moves them."
+            f" The sizes above{but} are from a fit that has {laws}, too; without it the cause that is not listed would "
+            f"move them."
         )
     return out
 
@@ -309,13 +309,13 @@ def _without_tables(d: Diagnosis) -> str:
         return ""
     axles = " and ".join(f"{axle} axle" for axle in d.without_tables)
     out = (
-        f" The vehicle file has no bench table of the {axles}, so that wheels count as moving straight up; these runs "
-        f"show that they do not. Sizes of other effects there are beside a table that is not known: give one."
+        f" The vehicle file has no bench table of the {axles}: its wheels are taken to move straight up, and these "
+        f"runs show that they do not. Sizes of other effects there are from a fit with an unknown table: give one."
     )
     hidden = [c.key for c in d.candidates if c.reason is Reason.NO_TABLE]
     if hidden:
         names = ", ".join(hidden)
-        out += f" What these explain the table may explain as well, and they are not counted as found: {names}."
+        out += f" Not counted as found, since an unknown table may explain as much: {names}."
     return out
 
 
@@ -335,8 +335,8 @@ def _small(d: Diagnosis) -> str:
     forces = d.grounds.forces
     rows = ", ".join(f"{row} {forces[row][0]:.2g} {row.unit} RMS" for row in d.small_rows[: SELECTION.most_reported])
     return (
-        f" What remains above the floor is small: {rows}, less than {100 * SELECTION.effect_size:g} % of the row, or "
-        f"than the laws found may be inexact."
+        f" What remains above the floor is small: {rows}, less than {100 * SELECTION.effect_size:g} % of the row or "
+        f"within the inexactness allowed to the laws found."
     )
 
 
@@ -363,7 +363,7 @@ def _unlisted(d: Diagnosis) -> str:
     worst = d.unlisted_rows[0]
     text = (
         f"The model fails ({worst} at {grounds.ratios[worst]:.2f} times its floor) and the cause is not listed: no "
-        f"effect of the catalogue explains it with a plausible size, beyond chance, and the rest is no noise."
+        f"effect of the catalogue explains it with a plausible size, beyond chance, and what remains is not noise."
     )
     text += "".join(f" {_not_constant(d, key, runs)}" for key, runs in grounds.not_constant.items())
     if not d.formulas:

@@ -19,7 +19,7 @@ SAYS = {
     notes.GravityAssumed((0.0, 0.0, -9.8)): "the file has no G: gravity is (0, 0, -9.8) m/s² in the ground frame",
     notes.GravityAssumed((0.0, 0.0, -9.8), ("G3",)):
         "G3 has no value: gravity is (0, 0, -9.8) m/s² in the ground frame",
-    notes.ValuesUnused(("Q", "P")): "values were given for symbols that there are not: Q, P",
+    notes.ValuesUnused(("Q", "P")): "values were given for unknown symbols: Q, P",
     notes.LinksJoined(("tool", "camera")):
         "link(s) tool, camera on fixed joints are part of the body that carries them",
     notes.FramesInserted((2, 5)): "axes are nearly parallel: fixed frame(s) 2, 5 were inserted",

@@ -87,7 +87,7 @@ def test_where_no_column_is_at_fault_for_sure_those_to_look_at_are_named() -> No
     assert isinstance(found, Suspects)
     assert {"wheel.fl.force.y", "wheel.rr.force.y"} <= set(found.columns)
     assert found.misfit > 100.0
-    assert "Look at these channels first" in from_equations(found)
+    assert "Check these channels first" in from_equations(found)
 
 
 @pytest.mark.parametrize("name", ["sine", "rough", "liftoff", "sweep"])
