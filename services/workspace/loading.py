@@ -87,7 +87,7 @@ def find_rig(run: Run, given: str | Path | None) -> Rig:
         return Rig.load(run.rig)
     except RigError as error:
         raise UsageError(
-            f"{run.name} names the rig '{run.rig}', which is not to be had: give --rig FILE\n{error}"
+            f"{run.name} names the rig '{run.rig}', which was not found: give --rig FILE\n{error}"
         ) from None
 
 
@@ -127,7 +127,7 @@ def find_vehicle(run: Run, given: str | Path | None) -> Vehicle:
         return Vehicle.load(run.vehicle)
     except VehicleError as error:
         raise UsageError(
-            f"{run.name} names the vehicle '{run.vehicle}', which is not to be had: give --vehicle FILE\n{error}"
+            f"{run.name} names the vehicle '{run.vehicle}', which was not found: give --vehicle FILE\n{error}"
         ) from None
 
 
