@@ -10,6 +10,7 @@ from lacet.daq.formats.result import plain
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.consistent_fit import Consistency, ConsistentFit
 from lacet.identify.properties.derived import damper_curves, derived_values, ranges
+from lacet.identify.properties.known_scale import known_scale
 from lacet.identify.properties.sums_of_places import SumOfPlaces
 from lacet.identify.properties.whole_vehicle import NAMES, UNITS, WholeVehicle, whole_vehicle
 from lacet.identify.regression.sums.linear_fit import FittedModel
@@ -22,6 +23,7 @@ from lacet.identify.validation.row_sources import row_sources
 from lacet.identify.validation.score import Comparison, RowScore, pooled_ratio, row_ratios
 from lacet.services.render.consistency_report import body_fault_words, consistency_words
 from lacet.services.render.identifiability import not_derived, open_parameters, rows_not_judged, unidentified
+from lacet.services.render.known_scale import scale_result
 from lacet.services.render.row_sources import sources_result
 from lacet.services.render.rows import colour_words, row_absence
 from lacet.services.render.verdicts import says, short_reason, why
@@ -71,6 +73,7 @@ def fit_result(
             "not_judged": [line for part in held for line in rows_not_judged(part)],
             "rows_left_out": left_out,
             "row_sources": sources_result(row_sources(fitted)),
+            "known_scale": scale_result(known_scale(fitted, found)),
             "bad_seconds": [asdict(bad) for bad in fitted.bad_seconds()],
             "base_rank": fitted.base.rank,
             "singular_gap": fitted.base.gap,

@@ -79,18 +79,20 @@ export function table({ rows, chosen, beneath, onRow, onBeneath }) {
  * Which rows are measured, derived, assumed or impossible, and what would have to be added; below, what channels that
  * are not measured are taken from, and what is assumed.
  * @param {Array<{head: Array<string>, lines: Array<Array<string>>}>} sources
+ * @param {string} scale what is said of the scale of all values, where it is hardly known
  * @returns {Array<HTMLElement>}
  */
-export function sourcesTables(sources) {
+export function sourcesTables(sources, scale) {
   if (!sources.length) return [h("p", { class: "muted", text: "Versions made from now on show it." })];
-  return sources.map(({ head, lines }) => {
+  const note = scale ? [h("p", { class: "notice", text: `${scale}.` })] : [];
+  return [...note, ...sources.map(({ head, lines }) => {
     const filled = head.map((_, k) => lines.some((line) => line[k]));
     const shown = (line) => line.filter((_, k) => filled[k]);
     return h("table", { class: "score-table" },
       h("thead", null, h("tr", null, shown(head).map((text) => h("th", { scope: "col", text })))),
       h("tbody", null, lines.map(shown).map(([first, ...cells]) => h("tr", null,
         h("th", { scope: "row", text: first }), cells.map((text) => h("td", { class: "why", text: text || "–" }))))));
-  });
+  })];
 }
 
 function percent(value) {
