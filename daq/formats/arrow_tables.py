@@ -96,7 +96,7 @@ def _read_csv(file: Path, problems: list[str]) -> pa.Table:
     with file.open("rb") as stream:
         begin = stream.read(2**16)
     if b"\0" in begin:
-        raise RunError(file, ["cannot be read as a table: it holds zero bytes, so it is no text (no CSV)"])
+        raise RunError(file, ["cannot be read as a table: it holds NUL bytes, so it is no text (no CSV)"])
     encoding = encoding_of(begin)
     header, _, numbers = begin.decode(encoding, "replace").partition("\n")
     # The format of spreadsheets where the decimal sign is a comma.

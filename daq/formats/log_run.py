@@ -59,7 +59,7 @@ def build_run(
     if start_ns is None:
         start_ns = _earliest(stamps)
     remedies = {
-        channel: ' (clock = "device" in the rig would part them)'
+        channel: ' (clock = "device" in the rig would separate them)'
         for channel, block in blocks.items()
         if block.device_ns is not None and stamps[channel] is block.t_ns
     }
@@ -144,7 +144,7 @@ def _on_device_clock(block: Block, problems: list[str]) -> tuple[np.ndarray, Blo
         problems.append(_doubtful(block, len(doubtful), "its clock does not run evenly"))
     if abs(fit.drift) > MAX_DRIFT:
         problems.append(
-            f"{block.channel}: its clock is {fit.drift * 1e6:+.0f} ppm off, more than a quartz is; stamps follow it"
+            f"{block.channel}: its clock is {fit.drift * 1e6:+.0f} ppm off, more than a quartz clock; stamps follow it"
         )
     if len(wrong):
         problems.append(f"{block.channel}: {len(wrong)} samples with a wrong device stamp are left out")

@@ -173,7 +173,7 @@ def form_of(begin: bytes, path: Path, reading: Reading) -> Form:
     """The form of a text table by its beginning; `path` is for messages. Raises RunError in words where it is none."""
     encoding = reading.encoding or encoding_of(begin)
     if b"\0" in begin and not encoding.startswith("utf-16"):
-        raise fault(path, "this is no text table: it holds zero bytes")
+        raise fault(path, "this is no text table: it holds NUL bytes")
     lines = _text_of(begin, path, encoding).splitlines()
     if len(begin) == _HEAD:
         lines = lines[:-1]

@@ -38,7 +38,7 @@ def _error(error: ForceError | None) -> list[str]:
 
 
 def not_determined(estimated: EstimatedForces) -> str:
-    """Why longitudinal forces are not given by axle, and what would part them; empty where they are."""
+    """Why longitudinal forces are not given by axle, and what would separate them; empty where they are."""
     if any(np.any(estimated[f"axle.{axle}.force_estimated.x"].determined) for axle in ("front", "rear")):
         return ""
     return (

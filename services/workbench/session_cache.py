@@ -202,7 +202,7 @@ class SessionCache:
         study, version = self.version(number)
         kept = self._where.get(version.number)
         if kept is None or kept[0] != stamp_of(study):
-            raise Needs("where", f"it has not been analysed yet where version {version.number} fails")
+            raise Needs("where", f"where version {version.number} fails has not been analysed yet")
         return kept[1:]
 
     def previewed(self, study: Study, version: Version, effect: Effect) -> Previewed | None:
