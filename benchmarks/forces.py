@@ -2,7 +2,7 @@
 
 Each campaign draws noise, zeros, gains and latencies of its instruments anew, identifies the simulated car from four
 runs with dynamometers, and estimates the wheel forces of other manoeuvres from which the dynamometers were taken. The
-truth is the simulator's, without noise.
+truth is the simulator's, without noise. The brakes of a run held out are uneven by a draw of what is assumed of them.
 
     python -m benchmarks.forces                   # writes docs/benchmarks/forces.md
     python -m benchmarks.forces --campaigns 2     # a shorter look, printed only
@@ -38,6 +38,7 @@ from lacet.identify.wheel_loads.lack_of_fit import lack_of_fit
 from lacet.identify.wheel_loads.measured_forces import ForceError, errors
 from lacet.identify.wheel_loads.observer import estimate_forces
 from lacet.identify.wheel_loads.outputs import FORCES, EstimatedForces
+from lacet.identify.wheel_loads.settings import STANDARD
 from lacet.identify.wheel_loads.without_dynamometers import LOADS
 from lacet.services.one_thread import one_thread
 from lacet.simulate import Sheet, exchange_run, find_car, make_manoeuvre
@@ -109,7 +110,13 @@ def campaign(number: int, held: Sequence[tuple[str, Mapping[str, Any]]] = HELD) 
     runs = [PreparedRun.of(run, vehicle, rig) for run in used]
     fitted = fit(Model.of(base_model(vehicle, rig.wheel_reference)), runs, FitOptions(draws=4))
     car = known_car(fitted, runs)
+    rng = np.random.default_rng([23, number])
     for k, (name, some) in enumerate(held):
+        if name == "braking":
+            uneven = (
+                2.0 * STANDARD.longitudinal.sigma * rng.standard_normal(2)
+            )  # the tolerance is of half the difference
+            some = {**some, "uneven_front": float(uneven[0]), "uneven_rear": float(uneven[1])}
         moved = motion(name, tuple(some.items()), 2)
         hidden = PreparedRun.of(without_loads(measured(moved, 50 + k)), vehicle, rig, filters)
         estimated = estimate_forces(car, hidden, seed=number)
@@ -181,7 +188,8 @@ def page(lines: Sequence[Line], reference: Sequence[Line]) -> str:
         f"**Simulated.** {len({line.campaign for line in lines})} campaigns: noise, zeros, gains and latencies of all",
         "instruments are drawn from the sensor sheet, the Peugeot is identified from four runs with dynamometers",
         f"({', '.join(name for name, _ in USED)}), and of {len(HELD)} other runs without dynamometers the forces are",
-        "estimated, by the same instruments. The truth is the simulator's, without noise. A floor is that of the row:",
+        "estimated, by the same instruments. The truth is the simulator's, without noise. Brakes are uneven left and",
+        "right by a draw of what is assumed (half the difference 5 % of the axle's F_x). A floor is that of the row:",
         "the suspension's for vertical forces, that of the chassis along x or y for the others; ÷ floor is the median",
         "over runs and wheels. The mean error is what zeros and gains of the study's dynamometers and of the run's own",
         "sensors leave; it lasts for a run, so that *inside* is judged over runs. Vertical forces within two floors of",

@@ -55,6 +55,11 @@ class Manoeuvre:
         """Demanded deceleration by the brakes [m/s²]."""
         return 0.0
 
+    @property
+    def uneven(self) -> tuple[float, float]:
+        """Brake torque of the left wheel less that of the right one ÷ their sum, front and rear."""
+        return 0.0, 0.0
+
     def road(self, car: Car, seed: int, settle: float) -> Road:
         """The road, long enough for the run."""
         return FLAT
@@ -145,7 +150,10 @@ class LiftOff(Manoeuvre):
 
 @dataclass(frozen=True)
 class Braking(Manoeuvre):
-    """Straight-line braking: `deceleration` [m/s²] for `brake_time`, then back to speed within the `period` [s]."""
+    """Straight-line braking: `deceleration` [m/s²] for `brake_time`, then back to speed within the `period` [s].
+
+    `uneven_front`, `uneven_rear` : brake torque of the left wheel less that of the right one ÷ their sum.
+    """
 
     name: ClassVar[str] = "braking"
     brakes: ClassVar[str] = "used"
@@ -153,6 +161,13 @@ class Braking(Manoeuvre):
     brake_time: float = 1.5
     period: float = 5.0
     speed: float = 100.0 * KMH
+    uneven_front: float = 0.0
+    uneven_rear: float = 0.0
+
+    @property
+    def uneven(self) -> tuple[float, float]:
+        """As the fields say."""
+        return self.uneven_front, self.uneven_rear
 
     def _braking(self, t: float) -> bool:
         return t >= 1.0 and (t - 1.0) % self.period < self.brake_time

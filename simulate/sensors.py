@@ -152,7 +152,7 @@ def _lasers(motion: CarMotion, sensor: Sensor, faults: Sequence[Hidden]) -> dict
 def _torques(motion: CarMotion) -> dict[str, Array]:
     out = {f"shaft.{c}.torque": motion.shaft[:, i : i + 1] for i, c in enumerate(CORNERS)}
     out |= {f"brake.{c}.torque": motion.brake[:, i : i + 1] for i, c in enumerate(CORNERS)}
-    front = np.max(np.abs(motion.brake[:, :2]), axis=1)
+    front = np.mean(np.abs(motion.brake[:, :2]), axis=1)
     return out | {"brake.pressure": (front / BRAKE_TORQUE_PER_PASCAL)[:, None]}
 
 

@@ -40,6 +40,18 @@ def test_braking_dives_and_driving_squats() -> None:
     assert np.all(lift.force[(lift.t > 2.0) & (lift.t < 2.9)][:, :2, 0] > 0.0)
 
 
+def test_uneven_brakes_turn_the_car_to_the_stronger_side() -> None:
+    manoeuvre = make_manoeuvre("braking", duration=2.0, uneven_front=0.2, uneven_rear=-0.1)
+    motion = run(find_car("peugeot-406"), manoeuvre, seed=1, settle=0.2)
+    hard = (motion.t > 1.4) & (motion.t < 1.9)
+    brake = np.abs(motion.brake[hard])
+    for left, uneven in ((0, 0.2), (2, -0.1)):
+        both = brake[:, left : left + 2].sum(axis=1)
+        np.testing.assert_allclose(brake[:, left] - brake[:, left + 1], uneven * both, rtol=1e-9)
+    assert motion.force[hard][:, 0, 0].mean() < 1.2 * motion.force[hard][:, 1, 0].mean() < 0.0
+    assert motion.turn[hard, 2].mean() > 0.0
+
+
 def test_rolling_forward_is_positive_spin() -> None:
     motion = drive("liftoff")
     rolling = motion.spin[:, 1] * (0.317 - 0.02 / 3)
