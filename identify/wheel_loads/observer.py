@@ -23,7 +23,7 @@ from lacet.identify.regression.wls import corrected_run
 from lacet.identify.wheel_loads.instants import Instants, Solved
 from lacet.identify.wheel_loads.known_car import NOTHING, Changes, KnownCar
 from lacet.identify.wheel_loads.outputs import FORCES, EstimatedForce, EstimatedForces, RunConstant, row_of
-from lacet.identify.wheel_loads.without_dynamometers import placed, rows_of
+from lacet.identify.wheel_loads.without_dynamometers import as_measured, placed, rows_of
 
 
 def estimate_forces(car: KnownCar, run: PreparedRun, changes: Changes = NOTHING, seed: int = 1) -> EstimatedForces:
@@ -34,7 +34,7 @@ def estimate_forces(car: KnownCar, run: PreparedRun, changes: Changes = NOTHING,
     Raises NotIdentifiable, with the channels to add, where a row is missing without which they cannot be found.
     """
     # Wheel speeds, say, can be derived as soon as there are loads to form rows of.
-    hidden = PreparedRun(completed(placed(corrected_run(run, car.fitted).recording, {})))
+    hidden = PreparedRun(completed(placed(as_measured(corrected_run(run, car.fitted).recording), {})))
     rows = rows_of(hidden.recording, car.fitted.sigma)
     pieces = [
         Instants(car, piece, rows, changes, np.random.default_rng([seed, number])).solved()

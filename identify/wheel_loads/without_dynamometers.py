@@ -19,6 +19,13 @@ LOADS = tuple(f"wheel.{c}.{what}" for c in CORNERS for what in ("force", "moment
 """Channels of the wheel loads."""
 
 
+def as_measured(recording: Recording) -> Recording:
+    """The recording without what was derived or assumed in it: without loads that is less than with them in place."""
+    value = {name: series for name, series in recording.signals.value.items() if name not in recording.sources}
+    signals = replace(recording.signals, value=value, assumed={})
+    return replace(recording, signals=signals, sources={}, laws=(), tables=())
+
+
 def placed(recording: Recording, loads: WheelLoads) -> Recording:
     """The recording with these loads, in body axes, as if they had been measured; 0 at corners without any."""
     n, values = recording.t.size, {k: v for k, v in recording.signals.value.items() if k not in LOADS}

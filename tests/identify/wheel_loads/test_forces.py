@@ -10,6 +10,7 @@ import pytest
 from lacet.daq.channels import CORNERS
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
+from lacet.identify.signals.reconstruct import bring_together
 from lacet.identify.wheel_loads.instants import Instants
 from lacet.identify.wheel_loads.known_car import NOTHING, Changes, KnownCar
 from lacet.identify.wheel_loads.measured_forces import errors
@@ -18,6 +19,7 @@ from lacet.identify.wheel_loads.outputs import EstimatedForces
 from lacet.identify.wheel_loads.settings import STANDARD
 from lacet.identify.wheel_loads.tyre_contact import UNKNOWNS, TyreContact
 from lacet.identify.wheel_loads.without_dynamometers import LOADS, placed, rows_of
+from tests.identify import cars
 from tests.support.once import once
 
 SECONDS = slice(0, 1500)
@@ -53,6 +55,21 @@ def test_vertical_forces_are_within_two_floors(
         for axle in ("front", "rear"):
             assert seen[f"axle.{axle}.force_estimated.y"].inside > 0.9
         assert seen["car.force_estimated.x"].inside > 0.9
+
+
+def test_a_file_without_wheel_speeds_rear_cameras_and_ground_lasers_is_enough(fitted: Fit) -> None:
+    """What such a run lacks is derived or assumed once loads are in place, though some of it was when it was read."""
+    run, (vehicle, rig) = cars.piece("rough", 5.0, 13.0), cars.reference_car()
+    lacking = ("wheel.", "camera.r", "camera.fl.camber", "camera.fr.camber")
+    poor = {n: s for n, s in run.signals.items() if not n.startswith(lacking) and not n.endswith(".ground")}
+    read = PreparedRun.of(replace(run, signals=poor), vehicle, rig)
+    assert read.recording.sources
+    whole = bring_together(run, vehicle, rig, read.recording.filters, on=read.recording.t)
+    seen = errors(estimate_forces(KnownCar(fitted), read), PreparedRun(whole))
+    for c in CORNERS:
+        error = seen[f"wheel.{c}.force_estimated.z"]
+        assert error.floors < 2.5, (c, error.floors)
+        assert error.inside > 0.9, (c, error.inside)
 
 
 def test_bands_are_no_wider_than_two_percent_of_a_load(found: dict[str, EstimatedForces]) -> None:
