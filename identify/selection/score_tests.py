@@ -28,7 +28,13 @@ from lacet.identify.selection.lack_of_fit import (
 )
 from lacet.identify.selection.partial_regression import BlockGains, EnergyTask, GainsTask, PartialRegression, beside
 from lacet.identify.selection.settings import SELECTION
-from lacet.identify.selection.tolerance_tests import FaultWithoutTolerance, ToleranceUse, tolerance_use, tolerances_like
+from lacet.identify.selection.tolerance_tests import (
+    FaultWithoutTolerance,
+    ToleranceUse,
+    chance_of_sizes,
+    tolerance_use,
+    tolerances_like,
+)
 
 
 @dataclass(frozen=True)
@@ -474,6 +480,18 @@ class ScoreTests:
         others = [one.null / _mean(one.drop, one.null) for one in self.best_tests.values()]
         mean = _mean(fall, null)
         return _p_above(fall / mean, np.max([null / mean, *others], axis=0))
+
+    @cached_property
+    def chance_of_faults(self) -> Mapping[str, float]:
+        """Sensor fault → probability that noise and errors within the sheet alone give it the size it has in a fit.
+
+        Without faults at another step of a search: a fit estimates no tolerances, and a fault must stand in it
+        (`joint.refits.fitted_with`).
+        """
+        faults = [one for one in self.best_tests.values() if one.trial.fault]
+        places = np.array([one.trial.place.start for one in faults], np.intp)
+        p = chance_of_sizes(self.regression, self.columns.tolerances, places, self.null)
+        return {one.key: float(x) for one, x in zip(faults, p, strict=True)}
 
     def correlation(self, a: str, b: str) -> float:
         """Largest canonical correlation of two candidates, nuisance parameters removed."""

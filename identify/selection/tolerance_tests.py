@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from lacet.identify.multibody.vectors import Array
@@ -114,6 +115,23 @@ def downdated(
     out = gain - inverse[:, own] @ (stiffness @ tolerance_use)
     out[own] = 0.0
     return out, remainder[np.ix_(columns, columns)] + tolerance_use.T @ stiffness @ tolerance_use
+
+
+def chance_of_sizes(
+    known: PartialRegression, tolerances: range, places: NDArray[np.intp], null_runs: Array
+) -> Array:  # fmt: skip
+    """(m,) probability that noise and errors within the sheet alone give faults at `places` the sizes that a fit with
+    each of them has, in which no tolerance is estimated.
+
+    `tolerances` : positions of the sheet's tolerances in `known.nuisance`; `null_runs` (w, D) products with simulated
+    runs, whose instruments err within the sheet. Two-sided, normal.
+    """
+    kept = np.delete(np.arange(len(known.nuisance)), tolerances)
+    there, right = known.nuisance[kept], known.sums.layout.right
+    gain = np.linalg.solve(known.total[np.ix_(there, there)] + known.prior[np.ix_(kept, kept)], known.total[there])
+    score = known.total[places, right] - gain[:, places].T @ known.total[there, right]
+    drawn = null_runs[places] - gain[:, places].T @ null_runs[there]
+    return np.asarray(scipy.special.chdtrc(1, score**2 / np.mean(drawn**2, axis=1)), float)
 
 
 def tolerances_like(space: PartialRegression, place: int, alike: NDArray[np.intp]) -> NDArray[np.intp]:

@@ -11,9 +11,6 @@ from lacet.identify.multibody.vectors import Array
 
 PRESSED = 0.01
 """Compression of a stop at which k is its secant stiffness [m]."""
-SOFTEST = 2000.0
-"""Least stiffness of a stop at the wheel [N/m]: 20 N of force 10 mm beyond the gap. What is less is a spring whose rate
-changes with travel. Source: a choice; foam stops have 5 to 50 N/mm at the damper, whose motion ratio is 0.6 to 1."""
 
 
 class _Stop(SuspensionForce):
@@ -29,7 +26,7 @@ class _Stop(SuspensionForce):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Stiffness of the stop k, the secant's from the gap to 10 mm beyond it."""
-        return (self.named("k", "N/m", SOFTEST, 5e5, "positive"),)
+        return (self.named("k", "N/m", 0.0, 5e5, "positive"),)
 
     def pressed(self, beyond: Array) -> Array:
         """(N,) x (x/10 mm)^(n − 1) [m] of a stop pressed by x = max(0, `beyond`) [m]."""

@@ -1,9 +1,10 @@
-"""Steps of a search in which the shape constants of one selected effect are free.
+"""Steps of a search that begins with other laws than the true ones: constants of one of them free, one for two.
 
 An effect selected early gets the constants with which it does the work of those that are missing beside it: a bump stop
 without a gap that of a progressive spring. Where it has them, the spring explains nothing more. So a candidate is
 tested beside the selected effects with the constants of each of them free in turn, and a selected effect is dropped
-where another with other constants does its work. All falls follow from the cross products of the columns.
+where another with other constants does its work. A law like the true one is selected together with what the two
+differ by: one candidate in the place of both. All falls follow from the cross products of the columns.
 
 Source: H. Hazimeh and R. Mazumder, Fast best subset selection: coordinate descent and local combinatorial optimization
 algorithms, Operations Research 68 (2020): beyond local optima of single steps by exchanges of several at once.
@@ -61,7 +62,9 @@ class FreeConstants:
         for trial in space.layout.trials:
             spread = np.array([q.prior for q in trial.effect.parameters])
             self.normal[trial.place, trial.place] += np.diag(spread**-2.0)
-        self.energy = np.diag(space.sums.total)
+        # Less its noise, a column that is mostly noise would seem to explain anything.
+        noise = (1.0 / SELECTION.most_noise_in_candidate - 1.0) * np.diag(known.noise)
+        self.least = np.maximum(SELECTION.gone_share * np.diag(space.sums.total), noise)
 
     def steps(self, candidates: Collection[str]) -> list[FreeStep]:
         """For each candidate the best step with other constants of one selected effect; the largest gain first.
@@ -71,12 +74,12 @@ class FreeConstants:
         tried = [trial for trial in self.trials if trial.effect.key in candidates]
         blocks, best = _Blocks.of(tried), dict[str, FreeStep]()
         present, beside = self._given(self.own.values())
-        plain = float(np.max(blocks.falls(beside, self.right, self.energy), initial=0.0))
+        plain = float(np.max(blocks.falls(beside, self.right, self.least), initial=0.0))
         for key, options in self._options().items():
             less, normal = self._given(trial for other, trial in self.own.items() if other != key)
             for option in options:
                 by_option, after = self._swept(normal, option.place)
-                for trial, fall in zip(tried, blocks.falls(after, self.right, self.energy).tolist(), strict=True):
+                for trial, fall in zip(tried, blocks.falls(after, self.right, self.least).tolist(), strict=True):
                     name, gain = trial.effect.key, less + by_option + fall - present
                     if gain > (best[name].gain if name in best else plain + SELECTION.least_refinement_fall):
                         best[name] = FreeStep(trial.effect, option.effect, fall, gain)
@@ -98,6 +101,26 @@ class FreeConstants:
                     if fall > best + SELECTION.least_refinement_fall:
                         best, with_other = fall, option.effect
         return present - best, with_other
+
+    def in_place_of_two(
+        self, candidates: Collection[str], pairs: Mapping[tuple[str, str], float]
+    ) -> list[tuple[float, Effect, tuple[str, str]]]:
+        """Rises of the weighted squares with a candidate in the place of two selected effects, the least first.
+
+        `pairs` : keys of the two → weighted squares up to which the rise may be.
+        """
+        tried = [trial for trial in self.trials if trial.effect.key in candidates]
+        blocks, present = _Blocks.of(tried), self._given(self.own.values())[0]
+        out: list[tuple[float, Effect, tuple[str, str]]] = []
+        for pair, most in pairs.items():
+            kept, normal = self._given(trial for key, trial in self.own.items() if key not in pair)
+            both, best = present - kept, dict[str, tuple[float, Effect, tuple[str, str]]]()
+            for trial, fall in zip(tried, blocks.falls(normal, self.right, self.least).tolist(), strict=True):
+                least = best[trial.effect.key][0] if trial.effect.key in best else most
+                if both - fall < least:
+                    best[trial.effect.key] = both - fall, trial.effect, pair
+            out += best.values()
+        return sorted(out, key=lambda one: one[0])
 
     def _options(self) -> Mapping[str, Sequence[Trial]]:
         """Selected effect with constants → its trials at the values of its grids."""
@@ -135,14 +158,15 @@ class _Blocks:
         starts = np.array([t.place.start for t in trials], np.intp)
         return cls(starts[:, None] + np.where(there, np.arange(size), 0), there)
 
-    def falls(self, normal: Array, right: int, energy: Array) -> Array:
-        """(n,) fall by each trial's columns; 0 where one of them is hidden by those that `normal` is beside."""
+    def falls(self, normal: Array, right: int, least: Array) -> Array:
+        """(n,) fall by each trial's columns; 0 where of one of them less than `least` is left beside those in
+        `normal`."""
         squares, score = normal[self.places[:, :, None], self.places[:, None, :]], normal[self.places, right]
         both = self.there[:, :, None] & self.there[:, None, :]
         squares = np.where(both, squares, np.eye(self.there.shape[1]))
         score = np.where(self.there, score, 0.0)
         diagonal = np.einsum("nkk->nk", squares)
-        shown = np.all(~self.there | (diagonal > SELECTION.gone_share * energy[self.places]), axis=1)
+        shown = np.all(~self.there | (diagonal > least[self.places]), axis=1)
         scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
         values, vectors = np.linalg.eigh(squares / (scale[:, :, None] * scale[:, None, :]))
         turned = np.einsum("nkj,nk->nj", vectors, score / scale)

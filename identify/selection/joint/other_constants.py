@@ -1,13 +1,15 @@
 """Sets of laws with other shape constants than those found, to be fitted: with a law more, with one less, or the same.
 
 An effect selected early gets the constants with which it does the work of those that are missing beside it: a bump stop
-without a gap that of a progressive spring, which then explains nothing more.
+without a gap that of a progressive spring, which then explains nothing more. Or it is another law than the true one,
+and a further law was added for what they differ by: then one law takes the place of both.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import replace
+import itertools
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress, Stage, Step
@@ -21,17 +23,31 @@ from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 
 
-def with_other_constants(
-    joint: Joint, seed: int, progress: Progress
-) -> list[tuple[list[Effect], frozenset[str]]]:  # fmt: skip
-    """Laws in place of those found, with constants searched in one fit; and keys of those that must stand in a new one.
+@dataclass(frozen=True)
+class OtherLaws:
+    """Laws to be fitted in place of those found.
 
-    With other constants of one law another may be missing, or not needed. Only where laws act on common rows: a law
-    alone there has the constants that its own search found.
+    Attributes
+    ----------
+    laws : all of them, with constants searched together.
+    needed : keys of those that must stand in the fit, with plausible sizes.
+    replaced : keys of laws found that others have taken the place of, not to be tried again beside these.
+    """
+
+    laws: list[Effect]
+    needed: frozenset[str]
+    replaced: frozenset[str] = frozenset()
+
+
+def with_other_constants(joint: Joint, seed: int, progress: Progress) -> list[OtherLaws]:
+    """Laws in place of those found, with constants searched in one fit.
+
+    With other constants of one law another may be missing, or not needed; two may be another one. Only where laws act
+    on common rows: a law alone there has the constants that its own search found.
     """
     laws = [effect for effect in joint.effects if effect.as_physics is not None]
     rows, keys = {law.key: law.rows for law in joint.laws}, [law.key for law in laws]
-    if not any(a.grids and any(b is not a and rows[a.key] & rows[b.key] for b in laws) for a in laws):
+    if all(rows[a.key].isdisjoint(rows[b.key]) for a, b in itertools.combinations(laws, 2)):
         return []
     alone = _tests_without(joint, keys, seed, progress)
     best = with_best_constants(alone, laws, progress)
@@ -46,11 +62,32 @@ def with_other_constants(
         if other is not None and loss <= inexactness_of(law.family, law.rows, near):
             less_one = [one for one in _exchanged(best, other) if one.key != law.key]
             sets.append((less_one, {one.key for one in less_one}))
-    out = [(with_best_constants(alone, wanted, progress), frozenset(needed)) for wanted, needed in sets]
+    out = [OtherLaws(with_best_constants(alone, wanted, progress), frozenset(needed)) for wanted, needed in sets]
+    out += _one_for_two(joint, alone, free, best, progress)
     if fall_of(alone, best) - fall_of(alone, laws) > SELECTION.least_refinement_fall:
-        # A law that is not needed with the new constants of another may fall out of the fit.
-        out.append((best, frozenset(law.key for law, old in zip(best, laws, strict=True) if law.shape != old.shape)))
+        # With the new constants of one law another may fall out of the fit: it is not needed.
+        out.append(OtherLaws(best, frozenset()))
     return out
+
+
+def _one_for_two(
+    joint: Joint, alone: ScoreTests, free: FreeConstants, best: Sequence[Effect], progress: Progress
+) -> Iterator[OtherLaws]:
+    """Laws with one candidate in the place of two, beside which chance alone explains the weaker of the two.
+
+    On its grid the candidate must explain more than the stronger alone.
+    """
+    laws = {law.key: law for law in joint.laws if law.key in {effect.key for effect in best}}
+    both = [(a, b) for a, b in itertools.combinations(laws.values(), 2) if not a.rows.isdisjoint(b.rows)]
+    pairs = {(a.key, b.key): min(a.force, b.force) for a, b in both}
+    present = fall_of(alone, best)
+    candidates = [c.key for c in joint.beside if c.tested and not joint.first.effects[c.key].is_of_run()]
+    for _, candidate, pair in free.in_place_of_two(candidates, pairs)[: SELECTION.most_rivals]:
+        wanted = with_best_constants(alone, [candidate, *(one for one in best if one.key not in pair)], progress)
+        weaker = min((laws[key] for key in pair), key=lambda law: law.force)
+        p = joint.space.family_wise_of(max(0.0, present - fall_of(alone, wanted)), weaker.null)
+        if p > SELECTION.level(joint.space.draws):
+            yield OtherLaws(wanted, frozenset([candidate.key]), frozenset(pair))
 
 
 def _exchanged(laws: Sequence[Effect], other: Effect) -> list[Effect]:

@@ -5,14 +5,14 @@ After each fit the effects in it are improved first: what a wrong one among them
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.selection.columns.linearisation import sheet_products
 from lacet.identify.selection.joint.alternatives import Alternative, alternatives
-from lacet.identify.selection.joint.other_constants import with_other_constants
+from lacet.identify.selection.joint.other_constants import OtherLaws, with_other_constants
 from lacet.identify.selection.joint.refits import (
     Joint,
     beside_of,
@@ -103,12 +103,12 @@ def improved(joint: Joint, seed: int, progress: Progress = silent) -> Joint | No
         closer = relinearised(joint, seed, progress)
         if closer is not joint:
             return closer
-    for laws, needed in with_other_constants(joint, seed, progress):
-        new = _refitted(joint, laws, seed, progress)
-        if needed <= {*new.keys}:
+    for other in with_other_constants(joint, seed, progress):
+        new = _refitted(joint, other, seed, progress)
+        if other.needed <= {law.key for law in new.laws if law.implausible is None}:
             return new
-    other = exchanged(joint, seed, progress)
-    return None if other is joint else other
+    better = exchanged(joint, seed, progress)
+    return None if better is joint else better
 
 
 def relinearised(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
@@ -135,10 +135,10 @@ def with_floor_at_tolerances(joint: Joint, seed: int, progress: Progress = silen
     return beside_of(joint, beside_removed(joint, tests, progress), progress)
 
 
-def _refitted(joint: Joint, laws: Sequence[Effect], seed: int, progress: Progress) -> Joint:
-    """The model with these laws in place of those found, as far as they stand in the fit.
+def _refitted(joint: Joint, other: OtherLaws, seed: int, progress: Progress) -> Joint:
+    """The model with other laws in place of those found, as far as they stand in the fit.
 
-    A law of the car that did not stand beside the others is tried again: beside these it may.
+    A law of the car that did not stand beside those found is tried again: beside these it may.
     """
     out = frozenset(
         key
@@ -146,7 +146,7 @@ def _refitted(joint: Joint, laws: Sequence[Effect], seed: int, progress: Progres
         if key in joint.parts or joint.first.effects[key].as_fault is not None or joint.first.effects[key].is_of_run()
     )
     without = less(joint, [effect.key for effect in joint.effects if effect.as_physics is not None])
-    wanted = replace(without, added=(*without.added, *laws), dropped=out)
+    wanted = replace(without, added=(*without.added, *other.laws), dropped=out | other.replaced)
     return fitted_together(wanted, seed, progress)
 
 

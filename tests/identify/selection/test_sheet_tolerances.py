@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.joint.subset_search import search
 from lacet.identify.selection.laws.formulas import propose
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.tolerance_tests import ToleranceUse
@@ -65,6 +67,37 @@ def test_what_the_sheet_is_stretched_to_is_told(fitted: Fit, floor: NoiseFloor, 
     sound = says(diagnose(fitted, floor, TRIED, noise=space.noise))
     assert "off by more than" not in sound
     assert "In the runs as recorded" not in sound
+
+
+@pytest.fixture(scope="module")
+def far_off(fitted: Fit, floor: NoiseFloor) -> ScoreTests:
+    """Beside all scales of one wheel that are off by thirty tolerances."""
+    wrong = with_scales(fitted, {"rr": (30.0, 30.0, 30.0)})
+    return ScoreTests.of(Linearisation.of(wrong, floor), [*TRIED, FAULT], 0)
+
+
+def test_chance_of_a_fault_is_that_of_its_size_in_a_fit_without_tolerances(far_off: ScoreTests):
+    """Against the spread of such fits in simulated runs, whose instruments err within the sheet."""
+    known, right = far_off.regression, far_off.layout.right
+    kept = [i for i in range(len(known.nuisance)) if i not in far_off.columns.tolerances]
+    there, place = known.nuisance[kept], far_off.best_tests[FAULT.key].trial.place.start
+    normal = known.total[np.ix_(there, there)] + known.prior[np.ix_(kept, kept)]
+    gain = np.linalg.lstsq(normal, known.total[there], rcond=None)[0]
+    energy, score = (known.total[place, at] - known.total[there, place] @ gain[:, at] for at in (place, right))
+    sizes = (far_off.null[place] - gain[:, place] @ far_off.null[there]) / energy
+    ratio = score / energy / np.sqrt(np.mean(sizes**2))
+    assert score / energy == pytest.approx(30.0 * RIG.tolerance("wheel.rr.force", "gain"), rel=0.1)
+    assert far_off.chance_of_faults.keys() == {FAULT.key}
+    assert far_off.chance_of_faults[FAULT.key] == pytest.approx(2.0 * scipy.stats.norm.sf(abs(ratio)), rel=1e-6)
+
+
+@pytest.mark.parametrize(("chance", "found"), [(None, [FAULT.key]), (0.5, [])])
+def test_a_search_leaves_out_a_fault_that_would_not_stand_in_a_fit(
+    far_off: ScoreTests, monkeypatch: pytest.MonkeyPatch, chance: float | None, found: list[str]
+):
+    if chance is not None:
+        monkeypatch.setitem(vars(far_off), "chance_of_faults", {FAULT.key: chance})
+    assert [*search(far_off, far_off.family_wise(far_off.try_all())).keys] == found
 
 
 @pytest.mark.parametrize("tried", [TRIED, [*TRIED, FAULT]], ids=["no fault tried", "one fault tried"])

@@ -15,6 +15,7 @@ from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.joint import other_constants, rounds
 from lacet.identify.selection.joint.alternatives import Alternative
 from lacet.identify.selection.joint.free_constants import FreeConstants
+from lacet.identify.selection.joint.other_constants import OtherLaws, with_other_constants
 from lacet.identify.selection.joint.refits import Joint, fitted_together
 from lacet.identify.selection.joint.rounds import improved, with_a_fault
 from lacet.identify.selection.joint.shape_constants import fall_of
@@ -32,12 +33,13 @@ TOO_SOON = replace(STOP, shape={"gap": 0.0, "n": 2.0})
 """The stop with constants that do the work of the spring, too."""
 TOO_LATE = replace(STOP, shape={"gap": 0.02, "n": 1.0})
 BAR = KNOWN["anti_roll_bar.rear"]
-SPRING = KNOWN["spring_quadratic.rear"]
+SPRING, CUBIC = KNOWN["spring_quadratic.rear"], KNOWN["spring_cubic.rear"]
+HELPER = KNOWN["helper_spring.rear"]
 MISSING = [(STOP, 30000.0), (SPRING, 60000.0), (BAR, 6000.0)]
 GAIN = KNOWN["sensor_gain.hub.fl"]
 LATE = KNOWN["sensor_latency.imu"]
 TRIED = [
-    STOP, SPRING, KNOWN["spring_cubic.rear"], BAR, KNOWN["coulomb.front"], GAIN,
+    STOP, SPRING, CUBIC, BAR, KNOWN["coulomb.front"], GAIN,
     KNOWN["sensor_gain.hub.rr"], LATE,
 ]  # fmt: skip
 
@@ -184,3 +186,45 @@ def test_latencies_beside_what_is_missing_are_nearer_the_truth(fitted: Fit, floo
     again = relinearise(beside, largest_phase=0.0, beside=(STOP, SPRING, BAR))
     for entry, seconds in beside.latencies.items():
         assert again.latencies[entry] == pytest.approx(seconds, abs=5e-4)
+
+
+def test_rise_with_one_law_in_the_place_of_two_is_that_of_the_set(space: ScoreTests):
+    selected = [STOP, SPRING, BAR]
+    beside = space.given(selected)
+    pair = (STOP.key, SPRING.key)
+    free = FreeConstants(beside, [effect.key for effect in selected])
+    ((rise, candidate, of),) = free.in_place_of_two([CUBIC.key], {pair: np.inf})
+    rightly = ScoreTests(beside.columns.given([]), space.noise)
+    assert (candidate.key, of) == (CUBIC.key, pair)
+    assert rise == pytest.approx(fall_of(rightly, selected) - fall_of(rightly, [CUBIC, BAR]), rel=1e-6)
+    assert free.in_place_of_two([CUBIC.key], {pair: 0.9 * rise}) == []
+
+
+@pytest.mark.parametrize("allowed", [True, False])
+def test_one_law_takes_the_place_of_two_that_a_wrong_start_found(
+    floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch, allowed: bool
+):
+    """A stop is described by two springs; not where chance does not explain what the second adds."""
+    plain = fit_of(driven(with_all([(STOP, 30000.0), (BAR, 6000.0)]), 3))
+    candidates = [replace(KNOWN[effect.key], shape={}) for effect in TRIED]
+    wrong = begun(ScoreTests.of(Linearisation.of(plain, floor), candidates, 0), [SPRING, CUBIC, BAR])
+    assert {SPRING.key, CUBIC.key} <= {*wrong.keys}
+    if not allowed:
+        monkeypatch.setattr(ScoreTests, "family_wise_of", lambda self, fall, null: 0.0)
+    found = [one for one in with_other_constants(wrong, 0, lambda _: None) if one.replaced]
+    assert bool(found) is allowed
+    if allowed:
+        assert (found[0].needed, found[0].replaced) == ({STOP.key}, {SPRING.key, CUBIC.key})
+        right = improved(wrong, 0)
+        assert right is not None
+        assert {*right.keys} == {STOP.key, BAR.key}
+        assert {SPRING.key, CUBIC.key} <= right.dropped
+
+
+def test_other_laws_of_implausible_size_are_no_better(space: ScoreTests, monkeypatch: pytest.MonkeyPatch):
+    wrong = begun(space, [STOP, BAR])
+    backwards = OtherLaws([replace(HELPER, shape={"gap": 0.01}), BAR], frozenset([HELPER.key]))
+    monkeypatch.setattr(rounds, "with_other_constants", lambda joint, seed, progress: [backwards])
+    monkeypatch.setattr(rounds, "exchanged", lambda joint, seed, progress: joint)
+    assert rounds._refitted(wrong, backwards, 0, lambda _: None).laws[0].implausible is not None
+    assert improved(wrong, 0) is None
