@@ -159,8 +159,8 @@ class _Blocks:
         return cls(starts[:, None] + np.where(there, np.arange(size), 0), there)
 
     def falls(self, normal: Array, right: int, least: Array) -> Array:
-        """(n,) fall by each trial's columns; 0 where of one of them less than `least` is left beside those in
-        `normal`."""
+        """(n,) fall by each trial's columns; 0 where the energy of one of them beside those in `normal` is not above
+        `least`."""
         squares, score = normal[self.places[:, :, None], self.places[:, None, :]], normal[self.places, right]
         both = self.there[:, :, None] & self.there[:, None, :]
         squares = np.where(both, squares, np.eye(self.there.shape[1]))

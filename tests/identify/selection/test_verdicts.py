@@ -60,7 +60,7 @@ def test_what_a_table_that_is_lacking_explains_as_well_is_not_counted_as_found(
     assert not found.found
     said = next(c for c in found.candidates if c.key == HIDDEN.key)
     assert said.answer == "undecided"
-    assert "a bench table of its axle that is not known" in why(found, said)
+    assert "an unknown bench table of its axle" in why(found, said)
     other = replace(said, key="jacking.front", answer=Answer.MISSING, reason=Reason.PASSES)
     text = says(replace(found, found=(other,), effects={**found.effects, other.key: HIDDEN}))
     assert "no bench table of the front axle" in text
