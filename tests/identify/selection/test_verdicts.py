@@ -64,7 +64,7 @@ def test_what_a_table_that_is_lacking_explains_as_well_is_not_counted_as_found(
     other = replace(said, key="jacking.front", answer=Answer.MISSING, reason=Reason.PASSES)
     text = says(replace(found, found=(other,), effects={**found.effects, other.key: HIDDEN}))
     assert "no bench table of the front axle" in text
-    assert f"not counted as found: {HIDDEN.key}." in text
+    assert f"Not counted as found, since an unknown table may explain as much: {HIDDEN.key}." in text
 
 
 def test_a_latency_is_ranked_by_what_it_takes_off_beside_all_tolerances(
