@@ -112,6 +112,8 @@ class Candidate:
     values : estimates of its parameters [SI], and `interval`, half of their 95 % intervals (independent residuals).
     ties : candidates that could be in its place on these runs (not rejected by Cox's test), with their correlation.
     confounded : bench tables of which an error could be a part of it, of an effect found.
+    open_at : axles whose bench table is not known and beside which something unlisted remains, of an effect found that
+        acts there: its size is open, and it has no `values` and no `interval`; empty where the size is known.
     total : sum of its size and those of the same law at other places, where these runs show only that; else None.
     margin : weighted squares that an effect found explains more than its best `rival` in its place; None without one.
     block_gain : (B,) fall of the weighted squares in each block.
@@ -144,6 +146,7 @@ class Candidate:
     interval: tuple[float, ...] = ()
     ties: tuple[tuple[str, float], ...] = ()
     confounded: tuple[Confounded, ...] = ()
+    open_at: tuple[str, ...] = ()
     total: SumOfPlaces | None = None
     margin: float | None = None
     rival: str = ""

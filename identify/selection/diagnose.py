@@ -45,7 +45,12 @@ from lacet.identify.selection.joint.rounds import (
 from lacet.identify.selection.joint.shape_constants import refined
 from lacet.identify.selection.joint.starts import starts
 from lacet.identify.selection.joint.subset_search import strength
-from lacet.identify.selection.joint.unknown_tables import beside_tables, with_sizes_beside
+from lacet.identify.selection.joint.unknown_tables import (
+    LackingTables,
+    beside_tables,
+    with_open_sizes,
+    with_sizes_beside,
+)
 from lacet.identify.selection.joint.wrong_tables import axles_without_tables, confounded_with
 from lacet.identify.selection.laws.described import Described, described
 from lacet.identify.selection.laws.encompassing import only_encompassing
@@ -65,7 +70,8 @@ class Verdict(StrEnum):
     """Listed effects are missing; something unlisted may remain beside them."""
     NOTHING = "nothing missing"
     UNLISTED = "unlisted cause"
-    """The model fails for a cause that no candidate stands for, and nothing listed is missing."""
+    """The model fails for a cause that no candidate stands for, and nothing listed is missing; or what is found need
+    not be there beside an unknown bench table of its axle."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +118,7 @@ class Diagnosis:
     effects : key → effect of every candidate that can be computed.
     formulas : laws that part of an unlisted rest follows, best first; `described` those that were in the fit which the
         sizes of the effects found are of.
-    without_tables : axles without bench tables whose wheels, by the effects in the fit, move or turn with the travel.
+    without_tables : axles without bench tables whose wheels, by the effects found, move or turn with the travel.
     after : the diagnosis of the model with all effects found; None where nothing is found, or it was not made.
     """
 
@@ -133,7 +139,7 @@ class Diagnosis:
     effects: Mapping[str, Effect] = field(repr=False)
     formulas: tuple[Formula, ...] = ()
     described: tuple[str, ...] = ()
-    without_tables: tuple[str, ...] = ()
+    without_tables: LackingTables = field(default_factory=LackingTables)
     after: Diagnosis | None = field(default=None, repr=False)
 
     @property
@@ -145,7 +151,13 @@ class Diagnosis:
     def unlisted(self) -> bool:
         """Whether something remains that no candidate stands for, alone or beside the effects found."""
         grounds = self.grounds
-        return bool(self.unlisted_rows or grounds.not_constant) or grounds.tolerance_exceeded
+        fails = bool(self.unlisted_rows or grounds.not_constant) or grounds.tolerance_exceeded
+        return fails or (not self.found and bool(self.instead_of_tables))
+
+    @property
+    def instead_of_tables(self) -> tuple[str, ...]:
+        """Keys of the effects of the set found that a bench table which an axle lacks may explain as well."""
+        return tuple(c.key for c in self.candidates if c.reason is Reason.NO_TABLE)
 
 
 def diagnose(
@@ -313,12 +325,15 @@ def _concluded(
     found = sorted(found, key=lambda c: -force.get(c.key, 0.0))
     if judged_rest:
         joint, found = _with_sums(joint, found, seed, progress)
-    # A slope that is not the same in all runs shows that wheels move, too: by more than a slope.
-    without_tables = axles_without_tables(joint.effects, runs.vehicle)
+    # A slope that is no name beside an unlisted cause may show that wheels move, too: by more than a slope.
+    no_names = {*joint.parts, *not_constant, *(c.key for c in tied)}
+    named = [effect for effect in joint.effects if effect.key not in no_names]
+    lacking = LackingTables.of(named, [first.effects[key] for key in no_names], rest, runs.vehicle)
     of_tables: Sequence[Candidate] = ()
-    if judged_rest and without_tables:
-        beside = beside_tables(joint.space, without_tables, seed, progress)
-        found, of_tables = with_sizes_beside(found, beside)
+    if judged_rest and lacking.axles:
+        axles = axles_without_tables(joint.effects, runs.vehicle)
+        found, of_tables = with_sizes_beside(found, beside_tables(joint.space, axles, seed, progress))
+        found = with_open_sizes(found, joint.effects, lacking.unlisted)
     acting = frozenset[Row]().union(*(c.rows for c in found)) if found else frozenset[Row]()
     own = [row for row in now.above if row in acting] or list(now.above)
     excess = now.excess(own)
@@ -331,13 +346,13 @@ def _concluded(
         formulas = propose(first if not_constant else joint.space, failing)
     grounds = Grounds(rest.lack.ratios, rest.forces, rest.sheet, exceeded, not_constant)
     verdict = Verdict.MISSING if found else Verdict.NOTHING
-    if not found and (unlisted or exceeded or not_constant):
+    if not found and (unlisted or exceeded or not_constant or of_tables):
         verdict = Verdict.UNLISTED
     diagnosis = Diagnosis(
         verdict, tuple(found), tuple(unlisted), rest.small if judged_rest else (),
         _maybe(joint, found, unlisted, candidates), answered(joint, found, tied, of_tables), runs.row_ratios(floor),
         excess, explained, floor.count, first.noise_ratio, now.above, first.noise, grounds, first.effects,
-        tuple(formulas), known.laws if known else (), without_tables,
+        tuple(formulas), known.laws if known else (), lacking,
     )  # fmt: skip
     if not found or not judged_rest or not_constant or tied:
         return diagnosis

@@ -257,7 +257,7 @@ def candidate_table(result: Mapping[str, Any], most: int = 12) -> Table:
     """The ranking of a diagnosis, the first `most` of it; below it what cannot be tested."""
     lines = [
         [
-            c["effect"], c["answer"], f"{100 * c['gain']:.1f}", f"{c['gain_rms']:.3g}", f"{c['p']:.3f}",
+            c["effect"], _answer(c), f"{100 * c['gain']:.1f}", f"{c['gain_rms']:.3g}", f"{c['p']:.3f}",
             "-" if c["margin"] is None else f"{c['margin']:.3g}",
             f"{c['coverage']:.0f}", ", ".join(t["effect"] for t in (*c["ties"], *c.get("confounded", ()))) or "-",
         ]
@@ -267,6 +267,11 @@ def candidate_table(result: Mapping[str, Any], most: int = 12) -> Table:
     head = ["effect", "answer", "gain %", "gain N", "p", "margin", "blocks", "cannot be told apart from"]
     rest = "\n".join(f"    {line}" for line in _not_testable(result))
     return Table(head, lines, text_columns=2, note=f"  not testable with these runs:\n{rest}" if rest else "")
+
+
+def _answer(c: Mapping[str, Any]) -> str:
+    """Answer to a candidate, and whether the size of one found is open."""
+    return f"{c['answer']}, size open" if c.get("open_at") else str(c["answer"])
 
 
 def _not_testable(result: Mapping[str, Any]) -> list[str]:

@@ -45,7 +45,8 @@ def verdict_card(diagnosis: Mapping[str, Any], effects: Mapping[str, Effect]) ->
         more = f", and {others} more" if others else ""
         title = f"Missing: {effect_label(best['effect'])}{_and(alike[1:])}{more}"
         size = _sum(best["sum"]) if best.get("sum") else _size(best, effects.get(best["effect"]))
-        lines = [("interval", size), ("lead", _lead(best))]
+        sized = ("", _open(best["open_at"])) if best.get("open_at") else ("interval", size)
+        lines = [sized, ("lead", _lead(best))]
         if diagnosis["unlisted_rows"]:
             lines.append(("", f"Beside it something unlisted remains in {_rows(diagnosis['unlisted_rows'])}"))
     elif diagnosis["verdict"] == "nothing missing":
@@ -56,6 +57,7 @@ def verdict_card(diagnosis: Mapping[str, Any], effects: Mapping[str, Effect]) ->
         rows = diagnosis["unlisted_rows"]
         lines = [("error", f"{row} is {diagnosis['rows'][row]:.1f} times its noise floor") for row in rows[:1]]
         lines += [("", f"Nearest simple law: {f['text']}") for f in diagnosis.get("formulas", [])[:1]]
+        lines += [("", _or_a_table(keys)) for keys in [diagnosis.get("tables_instead")] if keys]
     out = [
         {"effect": c["effect"], "why": _why_out(c, best)}
         for c in candidates
@@ -125,6 +127,18 @@ def _size(c: Mapping[str, Any], effect: Effect | None) -> str:
     ][:2]
     more = len(c["values"]) - len(parts)
     return f"{', '.join(parts)}{f' and {more} more' if more > 0 else ''} (95 %, with sheet)"
+
+
+def _open(axles: Sequence[str]) -> str:
+    """Why the size of an effect found is not given."""
+    return f"Size open: no bench table of the {' and '.join(axles)} axle, and something unlisted there"
+
+
+def _or_a_table(keys: Sequence[str]) -> str:
+    """Effects of the set found that an unknown bench table may explain as well."""
+    others = len(keys) - 1
+    more = f" and {others} more" if others else ""
+    return f"Undecided beside an unknown bench table: {effect_label(keys[0])}{more}"
 
 
 def _lead(c: Mapping[str, Any]) -> str:

@@ -31,13 +31,13 @@ def says(d: Diagnosis) -> str:
     if d.found:
         text = _missing(d) if len(d.found) == 1 else _several(d)
         return f"{text}{_without_tables(d)}{_remaining(d)}{_in_part(d)}{_small(d)}{_maybe(d)}"
-    return f"{_unlisted(d)}{_in_part(d)}{_maybe(d)}" if d.unlisted else _nothing(d)
+    return f"{_unlisted(d)}{_without_tables(d)}{_in_part(d)}{_maybe(d)}" if d.unlisted else _nothing(d)
 
 
 def why(d: Diagnosis, c: Candidate) -> str:
     """The reason of a candidate's answer, in plain sentences with numbers."""
     found = next((one for one in d.found if one.key == c.key), None)
-    if found is not None and c.total is not None:
+    if found is not None and c.total is not None and not c.open_at:
         return f"{_takes(c)} {_sentence(_as_one(c.total))}; {_chance(c, False, d.draws)}.{_rivals(c)}"
     if found is not None:
         return f"{reason_text(c, d.effects.get(c.key), d.draws)}{_rivals(c)}"
@@ -87,6 +87,8 @@ def reason_text(c: Candidate, effect: Effect | None, draws: int) -> str:
             return f"{takes} Undecided beside a cause that is not listed: {_tied(c)} cannot be ruled out in its place."
         case Reason.NO_TABLE:
             return f"{takes} Undecided: with an unknown bench table of its axle in the fit it need not be there."
+        case _ if c.answer is Answer.MISSING and c.open_at:
+            return f"{takes} Its size is {_open(c.open_at)}; {chance}."
         case _ if c.answer is Answer.MISSING:
             return f"{takes} Its size is {sizes(c, effect)} (95 %); {chance}."
         case _:
@@ -248,14 +250,31 @@ def _as_one(total: SumOfPlaces) -> str:
     )
 
 
+def _open(axles: Sequence[str]) -> str:
+    """Why sizes of effects found at these axles are not given."""
+    return f"open: the bench table of the {_axles(axles)} is not known, and something unlisted remains there"
+
+
+def _axles(axles: Sequence[str]) -> str:
+    return " and ".join(f"{axle} axle" for axle in axles)
+
+
+def _open_sizes(d: Diagnosis) -> str:
+    """The effects found whose sizes are open, and why, by the axles that leave them open."""
+    by_axles = dict.fromkeys(c.open_at for c in d.found if c.open_at)
+    keys = {axles: [c.key for c in d.found if c.open_at == axles] for axles in by_axles}
+    return "".join(f" Of {' and '.join(keys[axles])} the size is {_open(axles)}." for axles in by_axles)
+
+
 def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
 def _each(d: Diagnosis) -> str:
-    """Sizes of the effects found; of those that are known as a sum, the sum once."""
-    parts = [f"{c.key}: {sizes(c, d.effects[c.key])}" for c in d.found if c.total is None]
-    sums = dict.fromkeys(c.total for c in d.found if c.total is not None)
+    """Sizes of the effects found that are known; of those that are known as a sum, the sum once."""
+    known = [c for c in d.found if not c.open_at]
+    parts = [f"{c.key}: {sizes(c, d.effects[c.key])}" for c in known if c.total is None]
+    sums = dict.fromkeys(c.total for c in known if c.total is not None)
     return "; ".join([*parts, *(_as_one(total) for total in sums)])
 
 
@@ -272,10 +291,8 @@ def _several(d: Diagnosis) -> str:
     whole = all(c.total is not None and len(c.total.keys) == len(d.found) for c in d.found)
     as_one = " as one, or one of them" if whole else ""
     together = f": added together{share}" if d.failing else ""
-    return (
-        f"{', '.join(first)} and {last} are missing{as_one}{together}. Their sizes, from "
-        f"a fit with all of them (95 %, tolerances of the sensors included): {each}.{tied}"
-    )
+    sized = f" Their sizes, from a fit with all of them (95 %, tolerances of the sensors included): {each}."
+    return f"{', '.join(first)} and {last} are missing{as_one}{together}.{sized if each else ''}{_open_sizes(d)}{tied}"
 
 
 def _remaining(d: Diagnosis) -> str:
@@ -293,7 +310,7 @@ def _remaining(d: Diagnosis) -> str:
             f"(÷ floor, with all these in the model)."
         )
     out = _with_law(out, d.formulas)
-    if d.described:
+    if d.described and any(c.values for c in d.found):
         laws = " and ".join(repr(law) for law in d.described)
         but = " but sums over places" if any(c.total is not None for c in d.found) else ""
         out += (
@@ -305,18 +322,23 @@ def _remaining(d: Diagnosis) -> str:
 
 def _without_tables(d: Diagnosis) -> str:
     """What the lack of bench tables means for the names, where wheels are found to move or turn with the travel."""
-    if not d.without_tables:
-        return ""
-    axles = " and ".join(f"{axle} axle" for axle in d.without_tables)
-    out = (
-        f" The vehicle file has no bench table of the {axles}: its wheels are taken to move straight up, and these "
-        f"runs show that they do not. Sizes of other effects there are from a fit with an unknown table: give one."
-    )
-    hidden = [c.key for c in d.candidates if c.reason is Reason.NO_TABLE]
-    if hidden:
-        names = ", ".join(hidden)
+    lacking, out = d.without_tables, ""
+    sure = [axle for axle in lacking.axles if axle not in lacking.unsure]
+    known = [axle for axle in lacking.axles if axle not in lacking.unlisted]
+    lead = " The vehicle file has no bench table of the"
+    if sure:
+        out += f"{lead} {_axles(sure)}: its wheels are taken to move straight up, and these runs show that they do not."
+    if lacking.unsure:
+        out += (
+            f"{lead} {_axles(lacking.unsure)}: its wheels are taken to move straight up, and they may not. What speaks "
+            f"for that changes from run to run, or may be a part of what is not listed."
+        )
+    if known and d.found:
+        out += f" Sizes of other effects at the {_axles(known)} are from a fit with an unknown table."
+    if d.instead_of_tables:
+        names = ", ".join(d.instead_of_tables)
         out += f" Not counted as found, since an unknown table may explain as much: {names}."
-    return out
+    return f"{out} With a bench table in the vehicle file a diagnosis can decide." if out else ""
 
 
 def _in_part(d: Diagnosis) -> str:
@@ -360,6 +382,8 @@ def _unlisted(d: Diagnosis) -> str:
     if grounds.not_constant and not d.unlisted_rows:
         text = " ".join(_not_constant(d, key, runs) for key, runs in grounds.not_constant.items())
         return _with_law(text, d.formulas)
+    if not d.unlisted_rows:
+        return "Something is missing, and these runs do not show what: the effects found, or what a bench table says."
     worst = d.unlisted_rows[0]
     text = (
         f"The model fails ({worst} at {grounds.ratios[worst]:.2f} times its floor) and the cause is not listed: no "

@@ -148,6 +148,7 @@ def candidate_result(d: Diagnosis, c: Candidate) -> dict[str, Any]:
         "confounded": [
             {"effect": one.key, "low": one.low, "high": one.high, "share": one.share} for one in c.confounded
         ],
+        "open_at": list(c.open_at),
         "sum": None if c.total is None else sum_result(c.total),
         "stands_for": c.stands_for,
         "margin": c.margin,
@@ -185,7 +186,9 @@ def diagnosis_result(d: Diagnosis) -> dict[str, Any]:
             "failing": list(d.failing),
             "formulas": [asdict(formula) for formula in d.formulas],
             "described": list(d.described),
-            "without_tables": list(d.without_tables),
+            "without_tables": list(d.without_tables.axles),
+            "tables_unsure": list(d.without_tables.unsure),
+            "tables_instead": list(d.instead_of_tables),
         }
     )
 

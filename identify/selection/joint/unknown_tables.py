@@ -2,27 +2,73 @@
 
 A model without the table counts wheels as moving straight up. Once that is refuted, any law of the axle may stand for
 a part of the table: it stands beside all terms of an unknown table, or it does not, and its size is the one beside
-them. The terms have their plausible range as prior.
+them. The terms have their plausible range as prior. While something unlisted remains at the axle, which may be what
+the terms lack of its table, the size is open even so.
 
 Source: omitted-variable bias, J. M. Wooldridge, Introductory Econometrics (2013), section 3.3.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+import math
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 import scipy
 
-from lacet.identify.effects.base import AXLES
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.rows import Row
+from lacet.identify.effects.base import AXLES, Effect
 from lacet.identify.effects.unknown_table import SLOPES, table_terms
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, silent
 from lacet.identify.selection.candidate import Candidate
-from lacet.identify.selection.rest import AddedLaw, added_laws
+from lacet.identify.selection.joint.wrong_tables import axles_without_tables
+from lacet.identify.selection.rest import AddedLaw, Rest, added_laws
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
+
+
+@dataclass(frozen=True)
+class LackingTables:
+    """Axles without bench tables whose wheels, by the effects found, move or turn with the travel.
+
+    Attributes
+    ----------
+    axles : all of them.
+    unsure : those where only effects say so that are no names beside an unlisted cause: these may be a part of it.
+    unlisted : those beside which something unlisted remains: the size of a law there is open.
+    """
+
+    axles: tuple[str, ...] = ()
+    unsure: tuple[str, ...] = ()
+    unlisted: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, named: Sequence[Effect], left_out: Sequence[Effect], rest: Rest, vehicle: Vehicle) -> Self:
+        """Of the effects found that are `named`, of those `left_out` of these, as they may be a part of an unlisted
+        cause, and of the rest that the model with them leaves."""
+        axles = axles_without_tables([*named, *left_out], vehicle)
+        sure = axles_without_tables(named, vehicle)
+        unlisted = [axle for axle in axles if _unlisted_at(axle, rest, left_out)]
+        return cls(axles, tuple(axle for axle in axles if axle not in sure), tuple(unlisted))
+
+
+def _unlisted_at(axle: str, rest: Rest, left_out: Iterable[Effect]) -> bool:
+    """Whether something unlisted remains in a row that a table of the axle changes, or an effect of its suspensions
+    was left out as a part of that."""
+    slopes, sound = [cls(axle) for cls in SLOPES], rest.without_unlisted()
+    failing = [row for row in rest.lack.ratios if row not in sound]
+    return any(slope.acts_on(row) for slope in slopes for row in failing) or any(
+        acts_at(effect, axle) for effect in left_out
+    )
+
+
+def acts_at(effect: Effect, axle: str) -> bool:
+    """Whether an effect acts in the suspension rows of an axle."""
+    return any(effect.acts_on(Row(f"suspension.{c}")) for c in AXLES[axle])
 
 
 @dataclass(frozen=True)
@@ -91,3 +137,22 @@ def with_sizes_beside(
         out.append(replace(c, values=tuple(one.values.tolist()), interval=tuple(half.tolist())))
     hidden = [c for c in out if c.key in beside and not beside[c.key].stands]
     return [c for c in out if c not in hidden], hidden
+
+
+def with_open_sizes(found: Iterable[Candidate], effects: Iterable[Effect], axles: Sequence[str]) -> list[Candidate]:
+    """The effects found, without the sizes of laws that act on the suspensions of `axles`; nor of a sum with one.
+
+    `effects` : the effects in the fit. An unlisted cause at an axle without a table moves these sizes by more than any
+    interval of the fit says.
+    """
+    laws = {effect.key: effect for effect in effects if effect.as_physics is not None}
+
+    def without_size(c: Candidate) -> Candidate:
+        keys = c.total.keys if c.total is not None else (c.key,)
+        at = tuple(axle for axle in axles if any(key in laws and acts_at(laws[key], axle) for key in keys))
+        if not at:
+            return c
+        total = None if c.total is None else replace(c.total, value=math.nan, half=math.nan, widest=math.nan)
+        return replace(c, values=(), interval=(), total=total, open_at=at)
+
+    return [without_size(c) for c in found]

@@ -18,7 +18,9 @@ from lacet.identify.selection.joint.unknown_tables import BesideTable
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor
+from lacet.services.render.verdict_card import verdict_card
 from lacet.services.render.verdicts import reason_text, says, why
+from lacet.services.workspace.results import diagnosis_result
 from tests.identify.exact_car import KNOWN, driven, exact, exact_with, fit_of
 from tests.identify.selection.exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
 
@@ -52,12 +54,22 @@ def test_the_same_law_in_the_catalogue_is_missing(unlisted: Fit, floor: NoiseFlo
 def test_what_a_table_that_is_lacking_explains_as_well_is_not_counted_as_found(
     unlisted: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch
 ):
-    place = "lacet.identify.selection.diagnose"
+    place, lookup = "lacet.identify.selection.diagnose", "lacet.identify.selection.joint.unknown_tables"
     beside = {HIDDEN.key: BesideTable(np.zeros(1), np.ones(1), stands=False)}
-    monkeypatch.setattr(f"{place}.axles_without_tables", lambda *_: ("front",))
+    for module in (place, lookup):
+        monkeypatch.setattr(f"{module}.axles_without_tables", lambda *_: ("front",))
     monkeypatch.setattr(f"{place}.beside_tables", lambda *_: beside)
     found = diagnose(unlisted, floor, [*CANDIDATES[:3], HIDDEN])
     assert not found.found
+    assert found.verdict == "unlisted cause"
+    assert found.unlisted
+    assert says(found).startswith("Something is missing, and these runs do not show what: the effects found, or")
+    assert "show that they do not. Not counted as found, since an unknown table" in says(found)
+    assert says(found).endswith("With a bench table in the vehicle file a diagnosis can decide.")
+    result = diagnosis_result(found)
+    assert (result["without_tables"], result["tables_instead"]) == (["front"], [HIDDEN.key])
+    (line,) = verdict_card(result, {})["lines"]
+    assert line["text"].startswith("Undecided beside an unknown bench table: ")
     said = next(c for c in found.candidates if c.key == HIDDEN.key)
     assert said.answer == "undecided"
     assert "an unknown bench table of its axle" in why(found, said)

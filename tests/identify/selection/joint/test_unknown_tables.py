@@ -1,7 +1,10 @@
-"""Laws of an axle without a bench table whose wheels move sideways with the travel: those that the table explains."""
+"""Laws of an axle without a bench table whose wheels move sideways with the travel: those that the table explains, and
+those whose size is open."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +14,8 @@ from lacet.daq.compliance import JOINTS
 from lacet.daq.joint_tables import JointCurve, JointTables
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import build_motion
+from lacet.identify.car.rows import Row
+from lacet.identify.effects.base import Effect
 from lacet.identify.effects.suspension.anti_roll_bar import AntiRollBar
 from lacet.identify.effects.suspension.centre_slopes import Jacking
 from lacet.identify.effects.suspension.spring_progression import SpringQuadratic
@@ -20,14 +25,26 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import residual
 from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.selection.candidate import Candidate
+from lacet.identify.selection.chow_test import ParameterConstancy
 from lacet.identify.selection.columns.linearisation import Linearisation
-from lacet.identify.selection.joint.unknown_tables import BesideTable, beside_tables, with_sizes_beside
-from lacet.identify.selection.rest import added_laws
+from lacet.identify.selection.diagnose import Diagnosis, diagnose
+from lacet.identify.selection.joint.unknown_tables import (
+    BesideTable,
+    LackingTables,
+    beside_tables,
+    with_open_sizes,
+    with_sizes_beside,
+)
+from lacet.identify.selection.rest import Rest, added_laws
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals
 from lacet.identify.validation.noise_floor import floor_of
+from lacet.services.render import tables
+from lacet.services.render.verdict_card import verdict_card
+from lacet.services.render.verdicts import says
+from lacet.services.workspace.results import diagnosis_result
 from tests.identify import cars, exact_car
 
 PLAIN, RIG = cars.reference_car()
@@ -35,6 +52,8 @@ FILTERS = Filters(rate=100.0, pre_cutoff=None)
 BAR, RISING, SLOPE = AntiRollBar("rear"), SpringQuadratic("rear"), Jacking("rear")
 RISE = -3.6
 """Curvature of the half track by the travel [1/m], of a double wishbone."""
+LITTLE = -0.3
+"""The same, so small that a bar and the slope are named beside what is not listed."""
 
 
 def with_table(rise: float) -> Vehicle:
@@ -112,6 +131,86 @@ def test_what_stands_has_its_size_beside_the_terms() -> None:
         ("a.rear", (7.0,), pytest.approx((5.0,), rel=1e-3)), ("c.rear", (10.0,), (3.0,)), ("other", (10.0,), (3.0,)),
     ]  # fmt: skip
     assert [c.key for c in hidden] == ["b.rear"]
+
+
+def diagnosed(rise: float) -> Diagnosis:
+    """The diagnosis of that car, of which the file lacks a bar, the slope of the half track and its curvature."""
+    one = fit(exact_car.MODEL, [PreparedRun(drive(rise, 0.0))], FitOptions(draws=2))
+    return diagnose(one, floor_of(one, 39), [BAR, SLOPE])
+
+
+def test_beside_what_a_table_would_explain_the_size_of_a_bar_is_open() -> None:
+    """In the verdict, the table, JSON and on the page's card: named, without a number."""
+    found = diagnosed(LITTLE)
+    assert found.without_tables == LackingTables(("rear",), (), ("rear",))
+    assert {(c.key, c.values, c.interval, c.open_at) for c in found.found} == {
+        (key, (), (), ("rear",)) for key in (BAR.key, SLOPE.key)
+    }
+    text, result = says(found), diagnosis_result(found)
+    why = "the bench table of the rear axle is not known, and something unlisted remains there"
+    assert f"Of {SLOPE.key} and {BAR.key} the size is open: {why}." in text
+    assert "±" not in text
+    assert "sizes above" not in text
+    kept = next(c for c in result["candidates"] if c["effect"] == BAR.key)
+    assert (kept["values"], kept["half95"], kept["open_at"]) == ([], [], ["rear"])
+    assert f"Its size is open: {why}" in kept["why"]
+    assert "missing, size open" in tables.candidates(result)
+    lines = [line["text"] for line in verdict_card(result, {BAR.key: BAR, SLOPE.key: SLOPE})["lines"]]
+    assert "Size open: no bench table of the rear axle, and something unlisted there" in lines
+    assert not any("±" in line for line in lines)
+
+
+def test_a_slope_that_changes_from_run_to_run_says_that_wheels_may_move(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And leaves the size of a bar open, which is printed where the slope is the same in all runs."""
+    sure = diagnosed(0.0)
+    assert sure.without_tables == LackingTables(("rear",))
+    assert "these runs show that they do not" in says(sure)
+    assert next(c for c in sure.found if c.key == BAR.key).values[0] == pytest.approx(9000.0, rel=0.1)
+    values = {run: np.array([slope]) for run, slope in (("a", 0.0), ("b", 0.2))}
+    runs = ParameterConstancy(values, {run: np.ones(1) for run in values}, 1.0, 1.0, np.ones(9), {})
+    monkeypatch.setattr("lacet.identify.selection.diagnose._not_constant", lambda *_: {SLOPE.key: runs})
+    unsure = diagnosed(0.0)
+    assert unsure.without_tables == LackingTables(("rear",), ("rear",), ("rear",))
+    assert [(c.key, c.open_at) for c in unsure.found] == [(BAR.key, ("rear",))]
+    assert "straight up, and they may not." in says(unsure)
+    assert diagnosis_result(unsure)["tables_unsure"] == ["rear"]
+    assert "show that they do not" not in says(unsure)
+
+
+@pytest.mark.parametrize(
+    ("named", "left_out", "rows", "expected"),
+    [
+        ([BAR], [], ["suspension.rl"], LackingTables()),
+        ([BAR, SLOPE], [], [], LackingTables(("rear",))),
+        ([BAR, SLOPE], [], ["suspension.fl", "tyre.rl"], LackingTables(("rear",))),
+        ([BAR, SLOPE], [], ["suspension.rl"], LackingTables(("rear",), (), ("rear",))),
+        ([BAR, SLOPE], [], ["chassis.fx"], LackingTables(("rear",), (), ("rear",))),
+        ([BAR, SLOPE], [AntiRollBar("front")], [], LackingTables(("rear",))),
+        ([BAR, SLOPE], [RISING], [], LackingTables(("rear",), (), ("rear",))),
+        ([BAR], [SLOPE], [], LackingTables(("rear",), ("rear",), ("rear",))),
+    ],
+)
+def test_something_unlisted_is_at_an_axle_by_its_rows_or_an_effect_left_out(
+    space: ScoreTests, named: Sequence[Effect], left_out: Sequence[Effect], rows: Sequence[str], expected: LackingTables
+) -> None:
+    """By its suspensions or any row of the body, which count as one; not by other suspensions or its tyres."""
+    rest = replace(Rest.of(space), unlisted=tuple(Row(row) for row in rows))
+    assert LackingTables.of(named, left_out, rest, PLAIN) == expected
+
+
+def test_a_sum_with_a_law_at_such_an_axle_is_open_and_others_keep_their_sizes() -> None:
+    front, fault = AntiRollBar("front"), exact_car.KNOWN["sensor_gain.hub.rl"]
+    total = SumOfPlaces((front.key, BAR.key), "k", "N/m", 5.0, 1.0, 1.0, inseparable=True)
+    effects = [front, BAR, fault]
+    found = [Candidate(effect.key, {}, values=(10.0,), interval=(3.0,)) for effect in effects]
+    assert [c.open_at for c in with_open_sizes(found, effects, ["rear"])] == [(), ("rear",), ()]
+    assert with_open_sizes(found, effects, []) == found
+    of_both, *_ = with_open_sizes([replace(found[0], total=total)], effects, ["rear"])
+    assert of_both.open_at == ("rear",)
+    assert not of_both.values
+    assert of_both.total is not None
+    assert math.isnan(of_both.total.value)
+    assert math.isnan(of_both.total.half)
 
 
 def test_terms_are_the_change_of_the_motion_by_a_table() -> None:
