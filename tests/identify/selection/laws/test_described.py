@@ -41,7 +41,7 @@ def test_friction_is_found_beside_damping_that_is_not_listed(lacks_both: Fit, fl
     law = found.formulas[0].of_one_term
     assert law.text.startswith("suspension.front: p * travel**2*tanh(rate/v0)")
     assert law.explained > 0.8
-    assert f"from a fit with '{law.text}' in the model" in says(found)
+    assert f"The sizes above are from a fit that has '{law.text}', too" in says(found)
     assert found.found[0].values[0] == pytest.approx(FRICTION, abs=20.0)
     assert found.after is not None
     assert found.after.formulas == found.formulas
