@@ -35,11 +35,11 @@ class SelectionSettings:
     most_selected: int = 12
     """Effects selected together before a fit with them [count]. Source: processor time."""
     most_free_steps: int = 2
-    """Candidates that are fitted, of those that explain more where a law found has other shape constants [count].
-    Source: processor time."""
+    """Candidates that are fitted, of those that explain more where a law found has other shape constants, and of those
+    in the place of two [count]. Source: processor time."""
     exchanged_share: float = 0.5
-    """Part of a law's weighted squares that it may still explain beside a candidate which takes its place [share].
-    Source: the smaller part."""
+    """Part of the weighted squares of a law, or of two, that it may still explain beside a candidate which takes its
+    place [share]. Source: the smaller part."""
     most_refits: int = 4
     """Fits with all effects found so far, each with a new noise floor and search, and steps that improve the effects of
     one of them [count]. Source: processor time."""

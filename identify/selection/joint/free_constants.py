@@ -107,18 +107,22 @@ class FreeConstants:
     ) -> list[tuple[float, Effect, tuple[str, str]]]:
         """Rises of the weighted squares with a candidate in the place of two selected effects, the least first.
 
+        Beside the candidate the two must explain less than `exchanged_share` of what they do; else all are missing.
         `pairs` : keys of the two → weighted squares up to which the rise may be.
         """
         tried = [trial for trial in self.trials if trial.effect.key in candidates]
-        blocks, present = _Blocks.of(tried), self._given(self.own.values())[0]
+        blocks, (present, beside) = _Blocks.of(tried), self._given(self.own.values())
+        further = blocks.falls(beside, self.right, self.least).tolist()
         out: list[tuple[float, Effect, tuple[str, str]]] = []
         for pair, most in pairs.items():
             kept, normal = self._given(trial for key, trial in self.own.items() if key not in pair)
-            both, best = present - kept, dict[str, tuple[float, Effect, tuple[str, str]]]()
-            for trial, fall in zip(tried, blocks.falls(normal, self.right, self.least).tolist(), strict=True):
+            falls = blocks.falls(normal, self.right, self.least).tolist()
+            best: dict[str, tuple[float, Effect, tuple[str, str]]] = {}
+            for trial, fall, more in zip(tried, falls, further, strict=True):
+                rise = present - kept - fall
                 least = best[trial.effect.key][0] if trial.effect.key in best else most
-                if both - fall < least:
-                    best[trial.effect.key] = both - fall, trial.effect, pair
+                if rise < least and rise + more <= SELECTION.exchanged_share * (present - kept):
+                    best[trial.effect.key] = rise, trial.effect, pair
             out += best.values()
         return sorted(out, key=lambda one: one[0])
 

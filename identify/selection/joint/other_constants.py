@@ -63,7 +63,7 @@ def with_other_constants(joint: Joint, seed: int, progress: Progress) -> list[Ot
             less_one = [one for one in _exchanged(best, other) if one.key != law.key]
             sets.append((less_one, {one.key for one in less_one}))
     out = [OtherLaws(with_best_constants(alone, wanted, progress), frozenset(needed)) for wanted, needed in sets]
-    out += _one_for_two(joint, alone, free, best, progress)
+    out += itertools.islice(_one_for_two(joint, alone, free, best, progress), SELECTION.most_free_steps)
     if fall_of(alone, best) - fall_of(alone, laws) > SELECTION.least_refinement_fall:
         # With the new constants of one law another may fall out of the fit: it is not needed.
         out.append(OtherLaws(best, frozenset()))

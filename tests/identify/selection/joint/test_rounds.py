@@ -12,7 +12,7 @@ from lacet.identify.regression.sums.prepared_runs import recording_without_fault
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection import diagnose
 from lacet.identify.selection.columns.linearisation import Linearisation
-from lacet.identify.selection.joint import other_constants, rounds
+from lacet.identify.selection.joint import free_constants, other_constants, rounds
 from lacet.identify.selection.joint.alternatives import Alternative
 from lacet.identify.selection.joint.free_constants import FreeConstants
 from lacet.identify.selection.joint.other_constants import OtherLaws, with_other_constants
@@ -23,6 +23,7 @@ from lacet.identify.selection.joint.subset_search import search
 from lacet.identify.selection.relinearisation import relinearise
 from lacet.identify.selection.rest import Rest, added_laws
 from lacet.identify.selection.score_tests import ScoreTests
+from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from tests.identify.exact_car import KNOWN, driven, fit_of
 from tests.identify.selection.exact_ranking import DRAWS
@@ -188,16 +189,22 @@ def test_latencies_beside_what_is_missing_are_nearer_the_truth(fitted: Fit, floo
         assert again.latencies[entry] == pytest.approx(seconds, abs=5e-4)
 
 
-def test_rise_with_one_law_in_the_place_of_two_is_that_of_the_set(space: ScoreTests):
+def test_rise_with_one_law_in_the_place_of_two_is_that_of_the_set(space: ScoreTests, monkeypatch: pytest.MonkeyPatch):
     selected = [STOP, SPRING, BAR]
     beside = space.given(selected)
     pair = (STOP.key, SPRING.key)
     free = FreeConstants(beside, [effect.key for effect in selected])
+    monkeypatch.setattr(free_constants, "SELECTION", replace(SELECTION, exchanged_share=np.inf))
     ((rise, candidate, of),) = free.in_place_of_two([CUBIC.key], {pair: np.inf})
     rightly = ScoreTests(beside.columns.given([]), space.noise)
     assert (candidate.key, of) == (CUBIC.key, pair)
     assert rise == pytest.approx(fall_of(rightly, selected) - fall_of(rightly, [CUBIC, BAR]), rel=1e-6)
     assert free.in_place_of_two([CUBIC.key], {pair: 0.9 * rise}) == []
+    both, with_it = fall_of(rightly, selected) - fall_of(rightly, [BAR]), fall_of(rightly, [*selected, CUBIC])
+    work = with_it - fall_of(rightly, [CUBIC, BAR])
+    for share, there in ((1.01 * work / both, True), (0.99 * work / both, False)):
+        monkeypatch.setattr(free_constants, "SELECTION", replace(SELECTION, exchanged_share=share))
+        assert bool(free.in_place_of_two([CUBIC.key], {pair: np.inf})) is there
 
 
 @pytest.mark.parametrize("allowed", [True, False])
