@@ -485,8 +485,8 @@ class ScoreTests:
     def chance_of_faults(self) -> Mapping[str, float]:
         """Sensor fault → probability that noise and errors within the sheet alone give it the size it has in a fit.
 
-        A fit estimates no tolerances, and does not keep a fault that this probability, times the number of candidates,
-        does not make significant (`joint.refits.fitted_with`).
+        A fit estimates no tolerances. All of the sheet counts here, in a fit (`joint.refits.fitted_with`) gains,
+        latencies and assumptions alone.
         """
         faults = [one for one in self.best_tests.values() if one.trial.fault]
         places = np.array([one.trial.place.start for one in faults], np.intp)

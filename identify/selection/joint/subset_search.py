@@ -162,12 +162,12 @@ def passes(found: Subset, c: Candidate) -> bool:
     """Whether a candidate beside the selected effects is missing too, and not what their laws leave."""
     if not c.tested or judged(c, found.alone.effects[c.key], found.alone.draws).answer is not Answer.MISSING:
         return False
-    return c.drop > found.inexactness(c) and _stands_in_a_fit(found, c)
+    return c.drop > found.inexactness(c) and _beyond_sheet(found, c)
 
 
-def _stands_in_a_fit(found: Subset, c: Candidate) -> bool:
-    """Whether a fit with the selected effects could keep this one, if a sensor's fault; latencies removed from the runs
-    are in no fit."""
+def _beyond_sheet(found: Subset, c: Candidate) -> bool:
+    """Whether errors within the sheet hardly give a sensor fault its size; also of a latency removed from the runs and
+    of all that is no fault."""
     removed = found.alone.effects[c.key].sheet_kind == "latency" and found.alone.linearisation.latencies
     chance = found.space.chance_of_faults.get(c.key, 0.0)
     return bool(removed) or len(found.alone.effects) * chance <= SELECTION.level(found.alone.draws)

@@ -88,11 +88,13 @@ def test_chance_of_a_fault_is_that_of_its_size_in_a_fit_without_tolerances(far_o
     ratio = score / energy / np.sqrt(np.mean(sizes**2))
     assert score / energy == pytest.approx(30.0 * RIG.tolerance("wheel.rr.force", "gain"), rel=0.1)
     assert far_off.chance_of_faults.keys() == {FAULT.key}
-    assert far_off.chance_of_faults[FAULT.key] == pytest.approx(2.0 * scipy.stats.norm.sf(abs(ratio)), rel=1e-6)
+    chance = far_off.chance_of_faults[FAULT.key]
+    assert chance > 0.0
+    assert chance == pytest.approx(2.0 * scipy.stats.norm.sf(abs(ratio)), rel=1e-6, abs=0.0)
 
 
-@pytest.mark.parametrize(("chance", "found"), [(None, [FAULT.key]), (0.5, [])])
-def test_a_search_leaves_out_a_fault_that_would_not_stand_in_a_fit(
+@pytest.mark.parametrize(("chance", "found"), [(None, [FAULT.key]), (0.02, [])])
+def test_a_search_leaves_out_a_fault_that_the_sheet_makes_as_large(
     far_off: ScoreTests, monkeypatch: pytest.MonkeyPatch, chance: float | None, found: list[str]
 ):
     if chance is not None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,14 +14,14 @@ from lacet.identify.regression.sums.prepared_runs import recording_without_fault
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection import diagnose
 from lacet.identify.selection.columns.linearisation import Linearisation
-from lacet.identify.selection.joint import free_constants, other_constants, rounds
+from lacet.identify.selection.joint import free_constants, other_constants, rounds, subset_search
 from lacet.identify.selection.joint.alternatives import Alternative
 from lacet.identify.selection.joint.free_constants import FreeConstants
 from lacet.identify.selection.joint.other_constants import OtherLaws, with_other_constants
 from lacet.identify.selection.joint.refits import Joint, fitted_together
 from lacet.identify.selection.joint.rounds import improved, with_a_fault
 from lacet.identify.selection.joint.shape_constants import fall_of
-from lacet.identify.selection.joint.subset_search import search
+from lacet.identify.selection.joint.subset_search import Subset, search
 from lacet.identify.selection.relinearisation import relinearise
 from lacet.identify.selection.rest import Rest, added_laws
 from lacet.identify.selection.score_tests import ScoreTests
@@ -102,7 +104,9 @@ def test_a_spring_that_a_stop_with_wrong_constants_stands_for_is_found(space: Sc
 
 
 def test_constants_are_searched_again_in_the_fit_with_all(space: ScoreTests):
+    """A law that falls out of that fit is not needed, even if its constants moved."""
     wrong = begun(space, [TOO_LATE, SPRING, BAR])
+    assert with_other_constants(wrong, 0, lambda _: None)[-1].needed == frozenset()
     right = improved(wrong, 0)
     assert right is not None
     (stop,) = (effect for effect in right.effects if effect.key == STOP.key)
@@ -235,3 +239,50 @@ def test_other_laws_of_implausible_size_are_no_better(space: ScoreTests, monkeyp
     monkeypatch.setattr(rounds, "exchanged", lambda joint, seed, progress: joint)
     assert rounds._refitted(wrong, backwards, 0, lambda _: None).laws[0].implausible is not None
     assert improved(wrong, 0) is None
+
+
+@pytest.mark.parametrize("case", ["of one run", "none fitted"])
+def test_what_takes_no_place_of_two(space: ScoreTests, monkeypatch: pytest.MonkeyPatch, case: str):
+    """An effect of one run; and none where processor time allows no fit."""
+    wrong = begun(space, [SPRING, CUBIC, BAR])
+    assert any(one.replaced for one in with_other_constants(wrong, 0, lambda _: None))
+    if case == "of one run":
+        monkeypatch.setattr(type(STOP), "is_of_run", classmethod(lambda cls: True))
+    else:
+        monkeypatch.setattr(other_constants, "SELECTION", replace(SELECTION, most_free_steps=0))
+    assert not any(one.replaced for one in with_other_constants(wrong, 0, lambda _: None))
+
+
+@pytest.mark.parametrize(("noise", "shown"), [(0.99, True), (1.01, False)])
+def test_a_column_that_is_mostly_noise_explains_nothing(
+    space: ScoreTests, monkeypatch: pytest.MonkeyPatch, noise: float, shown: bool
+):
+    """`noise` : its energy ÷ what of the column's energy is none."""
+    selected = [SPRING, CUBIC]
+    beside, right = space.given(selected), ScoreTests.regression_without
+
+    def noisy(tests: ScoreTests, keys: Collection[str]) -> SimpleNamespace:
+        known = right(tests, keys)
+        at = [trial.place.start for trial in space.layout.trials if trial.effect.key == STOP.key]
+        out = np.zeros_like(known.reduced)
+        out[at, at] = noise * known.reduced[at, at] * (known.reduced[at, at] > 0.0)
+        # Beside the two that it takes the place of, the column is as it is beside none.
+        return SimpleNamespace(reduced=known.reduced, noise=out)
+
+    monkeypatch.setattr(ScoreTests, "regression_without", noisy)
+    free = FreeConstants(beside, [effect.key for effect in selected])
+    found = free.in_place_of_two([STOP.key], {(SPRING.key, CUBIC.key): np.inf})
+    assert bool(found) is shown
+
+
+@pytest.mark.parametrize("removed", [True, False])
+def test_a_latency_removed_from_the_runs_is_in_no_fit(
+    space: ScoreTests, monkeypatch: pytest.MonkeyPatch, removed: bool
+):
+    (late,) = (c for c in space.try_all() if c.key == LATE.key)
+    monkeypatch.setitem(vars(space), "chance_of_faults", {LATE.key: 1.0})
+    entry = ("latency", "imu.accel", 0)
+    monkeypatch.setattr(
+        space, "linearisation", replace(space.linearisation, latencies={entry: 0.01} if removed else {})
+    )
+    assert subset_search._beyond_sheet(Subset(space, (), space), late) is removed
