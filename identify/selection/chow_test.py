@@ -228,7 +228,7 @@ def _groups(
     names = _distinct_names(runs.names, single)
     products, chance = list[Array](), [found[run][1] for run in single]
     for run in single:
-        drawn = runs.regressor_noise_of(run, sums, space.floor.sigma, SELECTION.chow_noise_pairs)
+        drawn = runs.regressor_noise_of(run, sums.weighting, space.floor.sigma, SELECTION.chow_noise_pairs)
         own = drawn.products(sums, space.noise_ratio, space.floor.sigma)
         products.append(found[run][0] - own)
         noise = noise - own

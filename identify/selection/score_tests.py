@@ -16,9 +16,10 @@ from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.selection.candidate import Answer, Candidate, Reason
 from lacet.identify.selection.columns.candidate_columns import CandidateColumns
 from lacet.identify.selection.columns.cross_products import Extent
+from lacet.identify.selection.columns.drawn_noise import DrawnNoise
 from lacet.identify.selection.columns.layout import Trial
 from lacet.identify.selection.columns.linearisation import Linearisation
-from lacet.identify.selection.columns.regressor_noise import RegressorNoise, regressor_labels
+from lacet.identify.selection.columns.regressor_noise import RegressorNoise, combined, regressor_labels
 from lacet.identify.selection.lack_of_fit import (
     LackOfFit,
     noise_ratios,
@@ -82,10 +83,12 @@ class ScoreTests:
     noise : noise in the columns; None to compute it.
     progress : receives each step.
     noise_ratio : row → noise ÷ noise by the sensor sheet; None to estimate it.
+    drawn : noise drawn for other fits, to be used instead of new draws where it is of the same runs and columns.
 
     Attributes
     ----------
     columns, noise : the columns, and the noise in them.
+    drawn : that noise as it was drawn, here or for another fit.
     effects : key → effect of the candidates that can be computed.
     regression : partial regression of all columns on those of model, zeros and sensor tolerances.
     without_tolerance : place → test of a sensor fault without its own tolerance, where the sheet has one.
@@ -95,21 +98,15 @@ class ScoreTests:
 
     def __init__(
         self, columns: CandidateColumns, noise: RegressorNoise | None = None, progress: Progress = silent,
-        noise_ratio: Mapping[Row, float] | None = None,
+        noise_ratio: Mapping[Row, float] | None = None, drawn: Sequence[DrawnNoise] = (),
     ):  # fmt: skip
         self.columns, self.sums, self.layout = columns, columns.sums, columns.sums.layout
         self.linearisation = columns.linearisation
         self.effects: Mapping[str, Effect] = {effect.key: effect for effect in columns.effects}
         self.fitted, self.floor = columns.linearisation.fitted, columns.linearisation.floor
-        if noise is None or not noise.matches(regressor_labels(self.fitted, columns.plain_layout), self.floor.sigma):
-            progress(Step(Stage.REGRESSOR_NOISE))
-            noise = self.linearisation.runs.regressor_noise(self.sums, self.floor.sigma, progress)
-        self.noise = noise
-        labels = regressor_labels(self.fitted, self.layout)  # computed just now, it is that of the selected effects too
-        noise = noise if noise.labels == labels else noise.at(labels, columns.from_grid)
-        self._noise_of_columns = noise
+        self.noise, self.drawn = self._noise(noise, drawn, progress)
         self.noise_ratio = noise_ratio or noise_ratios(self.sums, columns.nuisance, columns.prior, columns.prior_side)
-        self.column_noise = noise.products(self.sums, self.noise_ratio, self.floor.sigma)
+        self.column_noise = self._noise_products(self.noise_ratio)
         self.regression = self.regression_without(())
         self.without_tolerance = {
             trial.place.start: FaultWithoutTolerance(self.regression, trial.place.start, own)
@@ -129,14 +126,30 @@ class ScoreTests:
     @classmethod
     def of(
         cls, linearisation: Linearisation, candidates: Sequence[Effect], seed: int, noise: RegressorNoise | None = None,
-        progress: Progress = silent,
+        progress: Progress = silent, drawn: Sequence[DrawnNoise] = (),
     ) -> ScoreTests:  # fmt: skip
         """Score tests of these candidates at a linearisation of the runs."""
-        return cls(
-            CandidateColumns.of(linearisation, candidates, seed, prior_stiffening(linearisation), progress),
-            noise,
-            progress,
-        )
+        columns = CandidateColumns.of(linearisation, candidates, seed, prior_stiffening(linearisation), progress)
+        return cls(columns, noise, progress, drawn=drawn)
+
+    def _noise(
+        self, noise: RegressorNoise | None, drawn: Sequence[DrawnNoise], progress: Progress
+    ) -> tuple[RegressorNoise, DrawnNoise]:
+        """Noise in the columns without the selected effects, and what it was drawn for."""
+        runs, layout, rows = self.linearisation.runs, self.columns.plain_layout, self.floor.sigma
+        if noise is not None and noise.matches(regressor_labels(self.fitted, layout), rows):
+            return noise, next(iter(drawn), DrawnNoise(noise, runs, layout))
+        for one in drawn:
+            if (known := one.of(runs, layout)) is not None and rows.keys() <= known.sigma.keys():
+                return known, one
+        progress(Step(Stage.REGRESSOR_NOISE))
+        noise = runs.regressor_noise(replace(self.sums.weighting, layout=layout), rows, progress)
+        return noise, DrawnNoise(noise, runs, layout)
+
+    def _noise_products(self, noise_ratio: Mapping[Row, float]) -> Array:
+        """(w, w) products of the noise in all columns, rows so many times as noisy."""
+        products = self.noise.products(self.sums, noise_ratio, self.floor.sigma, self.columns.plain_layout)
+        return combined(self.columns.from_grid, products) if self.columns.own else products
 
     @property
     def draws(self) -> int:
@@ -155,12 +168,13 @@ class ScoreTests:
         columns = CandidateColumns.of(
             self.linearisation, self.columns.effects, self.columns.seed, stiffening, progress, selected
         )
-        return ScoreTests(columns, self.noise, progress)
+        return ScoreTests(columns, self.noise, progress, drawn=[self.drawn])
 
     def releasing(self, keys: Collection[str]) -> ScoreTests:
         """Score tests beside the selected effects without those of `keys`, which are candidates again."""
         kept = [trial for trial in self.columns.selected if trial.effect.key not in keys]
-        return ScoreTests(self.columns.given(kept), self.noise, noise_ratio=self.noise_ratio)
+        columns = self.columns.given(kept)
+        return ScoreTests(columns, self.noise, noise_ratio=self.noise_ratio, drawn=[self.drawn])
 
     def regression_without(self, keys: Collection[str]) -> PartialRegression:
         """Partial regression of all columns without the selected effects of `keys` among the nuisance columns."""
@@ -176,7 +190,7 @@ class ScoreTests:
         others = [products.columns for row, products in over_runs.rows.items() if row not in rows]
         sums = replace(self.sums, over_runs=replace(over_runs, total=over_runs.total - np.sum(others, axis=0)))
         ratios = {row: ratio for row, ratio in self.noise_ratio.items() if row in rows}
-        noise = self._noise_of_columns.products(self.sums, ratios, self.floor.sigma)
+        noise = self._noise_products(ratios)
         known = PartialRegression(sums, columns.nuisance, columns.prior, noise, columns.prior_side)
         drawn = known.total[:, columns.nuisance[columns.tolerances]] @ columns.drawn
         return known, drawn + np.sum([ratio * over_runs.null[row] for row, ratio in ratios.items()], axis=0)

@@ -13,7 +13,6 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
-from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress
 from lacet.identify.regression.prepared_run import Unmeasured
 from lacet.identify.regression.qr_accumulation import orthonormaliser
@@ -22,7 +21,12 @@ from lacet.identify.regression.tolerances import SheetEntry, entry_name
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.cross_products import CrossProducts, Extent, SumsOfRuns, model_prior
 from lacet.identify.selection.columns.layout import Layout
-from lacet.identify.selection.columns.regressor_noise import RegressorNoise, pairs_drawn, regressor_labels
+from lacet.identify.selection.columns.regressor_noise import (
+    RegressorNoise,
+    RunNoise,
+    pairs_drawn,
+    regressor_labels,
+)
 from lacet.identify.selection.columns.samples import SampleTask, T
 from lacet.identify.selection.columns.weighted_columns import Weighting
 from lacet.identify.selection.diagnose import Diagnosis, diagnose_runs
@@ -185,26 +189,24 @@ class CampaignRanking:
         prior = model_prior(equations.known, fitted.solution, weighting.turn)
         return CrossProducts(weighting, prior, sums, CampaignSamples(self, draws, plain, sigma))
 
-    def regressor_noise(self, sums: CrossProducts, sigma: Mapping[Row, float], progress: Progress) -> RegressorNoise:
+    def regressor_noise(self, weighting: Weighting, sigma: Mapping[Row, float], progress: Progress) -> RegressorNoise:
         """Noise in the columns of all runs."""
         del progress  # that of the cluster
-        found = self._column_noise(list(range(len(self.names))), sums, sigma, pairs_drawn(self.seconds))
-        zero = np.zeros((sums.layout.width,) * 2)
-        totals = {row: found.get(row, zero) for row in sigma}
-        return RegressorNoise(regressor_labels(self.fitted, sums.layout), totals, dict(sigma))
+        return self._column_noise(list(range(len(self.names))), weighting, sigma, pairs_drawn(self.seconds))
 
     def regressor_noise_of(
-        self, run: int, sums: CrossProducts, sigma: Mapping[Row, float], pairs: int
+        self, run: int, weighting: Weighting, sigma: Mapping[Row, float], pairs: int
     ) -> RegressorNoise:
         """Noise in the columns of one run, from so many pairs of draws."""
-        totals = self._column_noise([run], sums, sigma, pairs)
-        return RegressorNoise(regressor_labels(self.fitted, sums.layout), totals, {row: sigma[row] for row in totals})
+        return self._column_noise([run], weighting, sigma, pairs)
 
     def _column_noise(
-        self, chosen: Sequence[int], sums: CrossProducts, sigma: Mapping[Row, float], pairs: int
-    ) -> dict[Row, Array]:
-        state = ColumnNoiseAt(self.plain, Draws(0, 0), PlainWeighting.of(sums.weighting), dict(sigma), pairs)
-        return self.reduce(state, added, "noise in the columns", [self.references[run] for run in chosen])
+        self, chosen: Sequence[int], weighting: Weighting, sigma: Mapping[Row, float], pairs: int
+    ) -> RegressorNoise:
+        state = ColumnNoiseAt(self.plain, Draws(0, 0), PlainWeighting.of(weighting), dict(sigma), pairs)
+        totals = self.reduce(state, added, "noise in the columns", [self.references[run] for run in chosen])
+        labels = regressor_labels(self.fitted, weighting.layout)
+        return RegressorNoise(labels, (RunNoise.of_totals(totals),), dict(sigma))
 
     @property
     def references(self) -> list[RunReference]:

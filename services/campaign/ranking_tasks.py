@@ -233,7 +233,8 @@ class ColumnNoiseAt(WeightedAt):
         """Row → (w, w) products."""
         fit, weighting = self.fit.fit(run), self.weighting(run)
         samples, _ = samples_of(fit, self.floor(fit, run), weighting, 0)
-        return noise_of_run(fit, weighting, samples.zero_gain, self.sigma, 0, self.pairs)
+        found = noise_of_run(fit, weighting.layout, self.sigma, 0, self.pairs)
+        return {row: found.eliminated(weighting, samples.zero_gain, {row: 1.0}) for row in found.rows}
 
 
 def added(parts: Sequence[Mapping[Row, Any]]) -> dict[Row, Any]:

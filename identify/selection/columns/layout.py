@@ -50,6 +50,12 @@ class Layout:
         """Descriptions of the columns of sheet and trials, equal for equal layouts."""
         return (*map(str, self.sheet), *(f"{t.effect!r} {t.place}" for t in self.trials))
 
+    def spans(self, effect: Effect) -> bool:
+        """Whether there are trials with shape constants on both sides of an effect's, to interpolate its columns."""
+        constants = effect.shape.keys() >= effect.grids.keys()
+        inside = (min(values) <= effect.shape[name] <= max(values) for name, values in effect.grids.items())
+        return effect.key in self._places and constants and all(inside)
+
     def interpolation(self, effect: Effect) -> list[tuple[slice, float]]:
         """Places of an effect's trials around its shape constants, with their weights in the interpolation."""
         around: list[tuple[dict[str, float], float]] = [({}, 1.0)]

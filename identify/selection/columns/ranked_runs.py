@@ -20,6 +20,7 @@ from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.cross_products import CrossProducts, Extent
 from lacet.identify.selection.columns.layout import Layout
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise
+from lacet.identify.selection.columns.weighted_columns import Weighting
 from lacet.identify.validation.noise_floor import NoiseFloor
 from lacet.identify.validation.parameter_estimates import rows_absent
 
@@ -102,12 +103,12 @@ class RankedRuns(Protocol):
         """Cross products of the columns of a layout; parameters as of `CrossProducts.of`."""
         ...
 
-    def regressor_noise(self, sums: CrossProducts, sigma: Mapping[Row, float], progress: Progress) -> RegressorNoise:
+    def regressor_noise(self, weighting: Weighting, sigma: Mapping[Row, float], progress: Progress) -> RegressorNoise:
         """Noise in the columns of all runs, for rows weighted by `sigma`."""
         ...
 
     def regressor_noise_of(
-        self, run: int, sums: CrossProducts, sigma: Mapping[Row, float], pairs: int
+        self, run: int, weighting: Weighting, sigma: Mapping[Row, float], pairs: int
     ) -> RegressorNoise:
         """Noise in the columns of one run, from so many pairs of draws."""
         ...
@@ -206,12 +207,12 @@ class LocalRuns:
         """Cross products of the columns of a layout, from one pass over the samples."""
         return CrossProducts.of(self.fit, floor, layout, prior_stiffening, drifts, seed, extent)
 
-    def regressor_noise(self, sums: CrossProducts, sigma: Mapping[Row, float], progress: Progress) -> RegressorNoise:
+    def regressor_noise(self, weighting: Weighting, sigma: Mapping[Row, float], progress: Progress) -> RegressorNoise:
         """Noise in the columns of all runs, for rows weighted by `sigma`."""
-        return RegressorNoise.of(self.fit, sums, sigma, progress=progress)
+        return RegressorNoise.of(self.fit, weighting.layout, sigma, progress)
 
     def regressor_noise_of(
-        self, run: int, sums: CrossProducts, sigma: Mapping[Row, float], pairs: int
+        self, run: int, weighting: Weighting, sigma: Mapping[Row, float], pairs: int
     ) -> RegressorNoise:
         """Noise in the columns of one run, from so many pairs of draws."""
-        return RegressorNoise.of_run(self.fit, sums, sigma, run, pairs)
+        return RegressorNoise.of_run(self.fit, weighting.layout, sigma, run, pairs)

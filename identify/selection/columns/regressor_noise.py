@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,74 @@ from lacet.identify.selection.columns.run_products import at_zeros
 from lacet.identify.selection.columns.weighted_columns import Weighting, columns_of
 from lacet.identify.selection.settings import SELECTION
 
-_Products = dict[Row, tuple[NDArray[np.intp], Array]]
+
+@dataclass(frozen=True)
+class RowNoise:
+    """Expected products of the noise in the columns on one row of a run.
+
+    Attributes
+    ----------
+    places : (a,) places of the columns that act on the row, the residual last.
+    products : (a, a) products.
+    across : (z, a) products with the columns of the run's zeros.
+    """
+
+    places: NDArray[np.intp]
+    products: Array
+    across: Array
+
+    def at(self, weights: Array) -> RowNoise:
+        """The noise of other columns, which are combinations (v, w) of these."""
+        part = weights[:, self.places]
+        there = np.flatnonzero(np.any(part, axis=1))
+        part = part[there]
+        return RowNoise(there, combined(part, self.products), _combined(part, self.across.T).T)
+
+
+@dataclass(frozen=True)
+class RunNoise:
+    """Expected products of the noise in the columns of one run, or of several whose zeros are eliminated already.
+
+    Attributes
+    ----------
+    rows : row → its noise.
+    run : number of the run, which has `priors` (z,), 1 σ of its zeros, and `values` (z,), which the residual is
+        without; none where zeros are eliminated.
+    """
+
+    rows: Mapping[Row, RowNoise]
+    run: int = 0
+    priors: Array = field(default_factory=lambda: np.zeros(0))
+    values: Array = field(default_factory=lambda: np.zeros(0))
+
+    @classmethod
+    def of_totals(cls, totals: Mapping[Row, Array]) -> RunNoise:
+        """That of products (w, w) by row, zeros eliminated."""
+        return cls({
+            row: RowNoise(np.arange(len(total)), total, np.zeros((0, len(total)))) for row, total in totals.items()
+        })  # fmt: skip
+
+    def eliminated(self, weighting: Weighting, zero_gain: Array, scales: Mapping[Row, float]) -> Array:
+        """(w, w) products of all rows, each times its scale, zeros eliminated by `zero_gain` (z, w) of all columns.
+
+        Of the model the columns as they are, not turned.
+        """
+        z, w, p = len(self.priors), weighting.layout.width, weighting.layout.model
+        out, priors = np.zeros((z + w, z + w)), self.priors / weighting.prior_stiffening
+        for row, one in self.rows.items():
+            if scale := scales.get(row, 0.0):
+                places = z + one.places
+                out[np.ix_(places, places)] += scale * one.products
+                across = scale * priors[:, None] * one.across
+                out[:z, places] += across
+                out[places, :z] += across.T
+        if not z:
+            return out
+        # The right side here is the residual, from which the zeros that were found are taken already.
+        further = zero_gain.copy()
+        further[:, :p] = np.linalg.solve(weighting.turn.T, further[:, :p].T).T
+        further[:, weighting.layout.right] -= self.values / priors
+        return at_zeros(out, further)
 
 
 @dataclass(frozen=True)
@@ -39,84 +106,91 @@ class RegressorNoise:
     Attributes
     ----------
     labels : descriptions of the columns, by which stored noise is recognised as valid.
-    totals : row → (w, w) products of the noise, for the model's original columns, every run's zeros eliminated.
-    sigma : row → σ of the weights in them [N or N·m].
+    runs : noise of each run, for the model's original columns.
+    sigma : row → σ of the weights in it [N or N·m].
     """
 
     labels: tuple[str, ...]
-    totals: Mapping[Row, Array]
+    runs: tuple[RunNoise, ...]
     sigma: Mapping[Row, float]
 
     @classmethod
-    def of(
-        cls, fitted: Fit, sums: CrossProducts, sigma: Mapping[Row, float], progress: Progress = silent
-    ) -> RegressorNoise:
+    def of(cls, fitted: Fit, layout: Layout, sigma: Mapping[Row, float], progress: Progress = silent) -> RegressorNoise:
         """Noise of all runs from simulated draws, weighted by the rows' `sigma`; `progress` receives the draws done."""
-        totals = {row: np.zeros((sums.layout.width,) * 2) for row in sigma}
         pairs = pairs_drawn(float(np.ptp(drive.recording.t)) for drive in fitted.runs)
         done, total = itertools.count(1), pairs * sum(drive.piece_count for drive in fitted.runs)
 
         def drawn() -> None:
             progress(Step(Stage.REGRESSOR_NOISE, next(done), total))
 
-        for run, gain in enumerate(sums.over_runs.zero_gains):
-            for row, products in noise_of_run(fitted, sums.weighting, gain, sigma, run, pairs, drawn).items():
-                totals[row] += products
-        return cls(regressor_labels(fitted, sums.layout), totals, dict(sigma))
+        runs = tuple(noise_of_run(fitted, layout, sigma, run, pairs, drawn) for run in range(len(fitted.runs)))
+        return cls(regressor_labels(fitted, layout), runs, dict(sigma))
 
     @classmethod
-    def of_run(
-        cls, fitted: Fit, sums: CrossProducts, sigma: Mapping[Row, float], run: int, pairs: int
-    ) -> RegressorNoise:
+    def of_run(cls, fitted: Fit, layout: Layout, sigma: Mapping[Row, float], run: int, pairs: int) -> RegressorNoise:
         """Noise of one run."""
-        totals = noise_of_run(fitted, sums.weighting, sums.over_runs.zero_gains[run], sigma, run, pairs)
-        return cls(regressor_labels(fitted, sums.layout), totals, {row: sigma[row] for row in totals})
+        found = noise_of_run(fitted, layout, sigma, run, pairs)
+        return cls(regressor_labels(fitted, layout), (found,), {row: sigma[row] for row in found.rows})
 
     def matches(self, labels: tuple[str, ...], rows: Iterable[Row]) -> bool:
         """Whether it was computed for these columns and rows: stored noise may be that of others."""
-        return labels == self.labels and set(rows) <= self.totals.keys()
+        return labels == self.labels and set(rows) <= self.sigma.keys()
 
     def at(self, labels: tuple[str, ...], weights: Array) -> RegressorNoise:
         """The noise of other columns, described by `labels`: combinations (v, w) of these."""
-        totals: dict[Row, Array] = {}
-        for row, total in self.totals.items():
-            there = np.flatnonzero(np.any(total, axis=0))  # of a row, few columns hold noise
-            part = weights[:, there]
-            totals[row] = combined(part, total[np.ix_(there, there)])
-        return replace(self, labels=labels, totals=totals)
+        runs = tuple(replace(run, rows={row: one.at(weights) for row, one in run.rows.items()}) for run in self.runs)
+        return replace(self, labels=labels, runs=runs)
 
-    def products(self, sums: CrossProducts, noise_ratio: Mapping[Row, float], sigma: Mapping[Row, float]) -> Array:
-        """(w, w) products of the noise in the columns of `sums`, rows `noise_ratio` times as noisy."""
-        turn = np.eye(sums.layout.width)
-        turn[: sums.layout.model, : sums.layout.model] = sums.turn
-        scaled = {row: noise_ratio[row] * self.sigma[row] / sigma[row] for row in noise_ratio if row in self.totals}
-        out = turn.T @ np.sum([scale**2 * self.totals[row] for row, scale in scaled.items()], axis=0) @ turn
+    def products(
+        self, sums: CrossProducts, noise_ratio: Mapping[Row, float], sigma: Mapping[Row, float],
+        layout: Layout | None = None,
+    ) -> Array:  # fmt: skip
+        """(w, w) products of the noise in the columns of `sums`, rows `noise_ratio` times as noisy.
+
+        `layout` : of the columns whose noise this is, if `sums` has more behind them.
+        """
+        layout = layout or sums.layout
+        weighting, turn, p = replace(sums.weighting, layout=layout), sums.turn, layout.model
+        places = np.append(np.arange(layout.right), sums.layout.right)
+        scales = {row: (ratio * self.sigma[row] / sigma[row]) ** 2 for row, ratio in noise_ratio.items()
+                  if row in self.sigma}  # fmt: skip
+        gains = sums.over_runs.zero_gains
+        out = np.zeros((layout.width,) * 2)
+        for run in self.runs:
+            out += run.eliminated(weighting, gains[run.run][:, places], scales)
+        out[:p] = turn.T @ out[:p]
+        out[:, :p] = out[:, :p] @ turn
         out[-1, -1] = 0.0
         return out
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """The noise as plain arrays for storage: for each row the columns that contain noise."""
+        """The noise as plain arrays for storage."""
         out: dict[str, NDArray[Any]] = {"labels": np.array(self.labels)}
-        for row, total in self.totals.items():
-            there = np.flatnonzero(np.any(total, axis=0))
-            out |= {
-                f"width|{row}": np.array(len(total)),
-                f"places|{row}": there,
-                f"sigma|{row}": np.array(self.sigma[row]),
-            }
-            out[f"total|{row}"] = total[np.ix_(there, there)]
+        out |= {f"sigma|{row}": np.array(sigma) for row, sigma in self.sigma.items()}
+        for i, run in enumerate(self.runs):
+            out |= {f"run|{i}": np.array(run.run), f"priors|{i}": run.priors, f"values|{i}": run.values}
+            for row, one in run.rows.items():
+                out |= {f"places|{i}|{row}": one.places, f"products|{i}|{row}": one.products}
+                out[f"across|{i}|{row}"] = one.across
         return out
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> RegressorNoise:
         """The noise from stored arrays, the inverse of `arrays`."""
-        totals: dict[Row, Array] = {}
-        sigma: dict[Row, float] = {}
-        for row in [Row.parse(name.partition("|")[2]) for name in arrays if name.startswith("total|")]:
-            width, there = int(arrays[f"width|{row}"]), arrays[f"places|{row}"].astype(int)
-            totals[row], sigma[row] = np.zeros((width, width)), float(arrays[f"sigma|{row}"])
-            totals[row][np.ix_(there, there)] = arrays[f"total|{row}"]
-        return cls(tuple(str(label) for label in arrays["labels"]), totals, sigma)
+        rows: dict[str, dict[Row, RowNoise]] = {}
+        for name in arrays:
+            what, _, place = name.partition("|")
+            if what == "places":
+                i, _, row = place.partition("|")
+                found = RowNoise(arrays[name].astype(np.intp), arrays[f"products|{place}"], arrays[f"across|{place}"])
+                rows.setdefault(i, {})[Row.parse(row)] = found
+        numbers = [name.partition("|")[2] for name in arrays if name.startswith("run|")]
+        runs = (
+            RunNoise(rows.get(i, {}), int(arrays[f"run|{i}"]), arrays[f"priors|{i}"], arrays[f"values|{i}"])
+            for i in numbers
+        )
+        sigma = {Row.parse(n.partition("|")[2]): float(arrays[n]) for n in arrays if n.startswith("sigma|")}
+        return cls(tuple(str(label) for label in arrays["labels"]), tuple(runs), sigma)
 
 
 def combined(weights: Array, products: Array) -> Array:
@@ -149,34 +223,38 @@ def pairs_drawn(seconds: Iterable[float]) -> int:
 
 
 def noise_of_run(
-    fitted: Fit, weighting: Weighting, zero_gain: Array, sigma: Mapping[Row, float], run: int, pairs: int,
+    fitted: Fit, layout: Layout, sigma: Mapping[Row, float], run: int, pairs: int,
     drawn: Callable[[], None] = lambda: None,
-) -> dict[Row, Array]:  # fmt: skip
-    """Row → (w, w) products of the noise in the columns of one run, its zeros eliminated by `zero_gain` (z, w)."""
-    layout, (_, priors, values) = weighting.layout, fitted.zeros[run]
-    z, w, p = len(priors), layout.width, layout.model
-    side = np.concatenate([priors / weighting.prior_stiffening, np.ones(w)])
-    # The right side here is the residual, from which the zeros that were found are taken already.
-    further = zero_gain.copy()
-    further[:, :p] = np.linalg.solve(weighting.turn.T, further[:, :p].T).T
-    further[:, layout.right] -= values * weighting.prior_stiffening / priors
-    whole: dict[Row, Array] = {}
+) -> RunNoise:  # fmt: skip
+    """Noise in the columns of one run, from so many pairs of draws."""
+    _, priors, values = fitted.zeros[run]
+    whole: dict[Row, RowNoise] = {}
 
-    def of_piece(piece: Piece) -> _Products:
+    def of_piece(piece: Piece) -> Mapping[Row, RowNoise]:
         return _piece_products(fitted, layout, sigma, piece, pairs, drawn)
 
     # Mapped, so that a piece's motion and slopes are gone before the next piece is made.
     for found in map(of_piece, fitted.assembly.pieces_of(run)):
-        for row, (places, products) in found.items():
-            there = whole.setdefault(row, np.zeros((z + w, z + w)))
-            there[np.ix_(places, places)] += products
-    return {row: at_zeros(side[:, None] * products * side, further) for row, products in whole.items()}
+        for row, one in found.items():
+            whole[row] = _both(whole[row], one) if row in whole else one
+    return RunNoise(whole, run, priors, values)
+
+
+def _both(first: RowNoise, second: RowNoise) -> RowNoise:
+    """The noise of two pieces of a run, added."""
+    places = np.union1d(first.places, second.places)
+    out = RowNoise(places, np.zeros((len(places),) * 2), np.zeros((len(first.across), len(places))))
+    for one in (first, second):
+        at = np.searchsorted(places, one.places)
+        out.products[np.ix_(at, at)] += one.products
+        out.across[:, at] += one.across
+    return out
 
 
 def _piece_products(
     fitted: Fit, layout: Layout, sigma: Mapping[Row, float], piece: Piece, pairs: int, drawn: Callable[[], None]
-) -> _Products:
-    """Noise in a piece: row → places (a,) of the columns that act and products (a, a), zeros first, residual last."""
+) -> dict[Row, RowNoise]:
+    """Row → noise in a piece; the residual is without the zeros that the fit found."""
     values = fitted.zeros[piece.run][2]
     z, p = len(values), layout.model
     clean = dict(columns_of(fitted, layout, piece, sigma))
@@ -185,21 +263,18 @@ def _piece_products(
     for row, (columns, _) in clean.items():
         columns[:, -1] -= columns[:, :p] @ fitted.solution + zeros[row] @ values
     place = (piece.seed,) if piece.number is None else (piece.seed, piece.number)
-    out: _Products = {}
-    for row, (_, active) in clean.items():
-        places = np.concatenate([np.arange(z), z + active]).astype(np.intp)
-        out[row] = places, np.zeros((len(places), len(places)))
+    out = {
+        row: RowNoise(active, np.zeros((active.size, active.size)), np.zeros((z, active.size)))
+        for row, (_, active) in clean.items()
+    }
     for draw in range(pairs):
         for noisy in piece.noisy([2003, *place, draw]):
             for row, (columns, active) in columns_of(fitted, layout, piece, sigma, noisy):
                 columns[:, -1] -= columns[:, :p] @ fitted.solution + zeros[row] @ values
                 before, there = clean[row]
                 # A column without any entry on this run may have some with more noise.
-                columns = columns[:, np.isin(active, there)]
-                products = out[row][1]
-                products[z:, z:] += (columns.T @ columns - before.T @ before) / (2 * pairs)
-                across = zeros[row].T @ (columns - before) / (2 * pairs)
-                products[:z, z:] += across
-                products[z:, :z] += across.T
+                columns, one = columns[:, np.isin(active, there)], out[row]
+                one.products[...] += (columns.T @ columns - before.T @ before) / (2 * pairs)
+                one.across[...] += zeros[row].T @ (columns - before) / (2 * pairs)
         drawn()
     return out

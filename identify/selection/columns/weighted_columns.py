@@ -82,23 +82,25 @@ def blocks_of(fitted: Fit, floor: NoiseFloor, weighting: Weighting, run: int) ->
 
 def sensor_columns(
     fitted: Fit, layout: Layout, piece: Piece, noisy: Piece | None = None
-) -> dict[Row, list[tuple[slice, Array]]]:
-    """Columns of the sheet's entries and sensor faults on a piece, or on `noisy`: row → places and (p, n) columns."""
-    out: dict[Row, list[tuple[slice, Array]]] = {row: [] for row in piece.blocks}
-    faults = [(t.place, fault) for t in layout.trials if (fault := t.effect.as_fault) is not None]
-    if piece.sensitivity is None or not (faults or layout.sheet):
-        return out
-    assembly = fitted.assembly
-    responses = assembly.noisy_sheet_responses(noisy) if noisy else assembly.own_sheet_responses(piece)
-    for place, entry in enumerate(layout.sheet, start=layout.model):
-        for row, series in responses.get(entry, {}).items():
-            if row in out and np.any(series):
-                out[row].append((slice(place, place + 1), series[None]))
-    found = (noisy or piece).fault_responses([fault for _, fault in faults])
-    for (place, _), response in zip(faults, found, strict=True):
-        for row, series in response.items():
-            if row in out and np.any(series):
-                out[row].append((place, series[None]))
+) -> dict[Row, tuple[list[int], Array]]:
+    """Columns of the sheet's entries and sensor faults on a piece, or on `noisy`: row → places (p,), (p, n) columns."""
+    found: dict[Row, list[tuple[int, Array]]] = {row: [] for row in piece.blocks}
+    faults = [(t.place.start, fault) for t in layout.trials if (fault := t.effect.as_fault) is not None]
+    if piece.sensitivity is not None and (faults or layout.sheet):
+        assembly = fitted.assembly
+        sheet = assembly.noisy_sheet_responses(noisy) if noisy else assembly.own_sheet_responses(piece)
+        by_place = [(place, sheet.get(entry, {})) for place, entry in enumerate(layout.sheet, start=layout.model)]
+        responses = (noisy or piece).fault_responses([fault for _, fault in faults])
+        by_place += [(place, response) for (place, _), response in zip(faults, responses, strict=True)]
+        for place, response in by_place:
+            for row, series in response.items():
+                if row in found:
+                    found[row].append((place, series))
+    out: dict[Row, tuple[list[int], Array]] = {}
+    for row, columns in found.items():
+        stacked = np.array([series for _, series in columns]).reshape(len(columns), len(piece.right[row]))
+        acting = np.any(stacked, axis=1)
+        out[row] = [place for (place, _), acts in zip(columns, acting.tolist(), strict=True) if acts], stacked[acting]
     return out
 
 
@@ -119,7 +121,8 @@ def columns_of(
         if noisy:
             model, right = model.copy(), run.measured[row]
             model[:, : len(keep)] = run.matrix(fitted.model.physics, row)[:, keep]
-        own = [*sensors[row], *((place, found[row]) for place, found in physics if row in found)]
-        parts = [model, *(columns.T for _, columns in own), right[:, None]]
-        active = [*range(p), *(i for place, _ in own for i in range(place.start, place.stop)), layout.right]
+        own = [(place, found[row]) for place, found in physics if row in found]
+        places, columns = sensors[row]
+        parts = [model, columns.T, *(columns.T for _, columns in own), right[:, None]]
+        active = [*range(p), *places, *(i for place, _ in own for i in range(place.start, place.stop)), layout.right]
         yield row, (np.concatenate(parts, axis=1) / sigma[row], np.array(active, np.intp))

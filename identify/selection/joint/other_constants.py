@@ -16,7 +16,7 @@ from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.selection.columns.candidate_columns import WITHOUT_COLUMN
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.joint.free_constants import FreeConstants, FreeStep
-from lacet.identify.selection.joint.refits import Joint, beside_removed
+from lacet.identify.selection.joint.refits import Joint, beside_removed, less
 from lacet.identify.selection.joint.shape_constants import fall_of, with_best_constants
 from lacet.identify.selection.joint.subset_search import inexactness_of
 from lacet.identify.selection.score_tests import ScoreTests
@@ -114,14 +114,12 @@ def _tests_without(joint: Joint, keys: Collection[str], seed: int, progress: Pro
     Of sensor faults those are there that stand for a tolerance of their own.
     """
     linearisation = joint.space.linearisation
-    fitted = linearisation.runs.refittable
-    assert fitted is not None
     progress(Step(Stage.SHAPE_CONSTANTS, subject=", ".join(keys)))
-    plain = Linearisation.of(fitted.without_effects(keys), linearisation.floor)
+    plain = Linearisation.of(less(joint, keys).fit, linearisation.floor)
     plain = replace(plain, latencies=linearisation.latencies)
     tried = [
         effect
         for effect in joint.first.effects.values()
         if effect.as_physics is not None or effect.sheet_kind not in WITHOUT_COLUMN or effect in joint.removed
     ]
-    return beside_removed(joint, ScoreTests.of(plain, tried, seed, None, progress), progress)
+    return beside_removed(joint, ScoreTests.of(plain, tried, seed, None, progress, joint.drawn), progress)

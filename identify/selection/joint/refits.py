@@ -16,6 +16,7 @@ from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.columns.candidate_columns import solved
+from lacet.identify.selection.columns.drawn_noise import DrawnNoise
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.joint.subset_search import inexactness_of
 from lacet.identify.selection.rest import (
@@ -68,6 +69,11 @@ class Joint:
     def faults(self) -> tuple[AddedLaw, ...]:
         """Sensor faults found, in the form of laws, with what was removed from the runs before."""
         return added_faults(self.space, self.sizes)
+
+    @property
+    def drawn(self) -> tuple[DrawnNoise, ...]:
+        """Noise in the columns drawn so far, the one of the present runs first."""
+        return self.space.drawn, self.first.drawn
 
     @property
     def fit(self) -> Fit:
@@ -129,7 +135,7 @@ def _tests_of_some(
     closer = replace(Linearisation.of(fitted, floor), latencies=linearisation.latencies)
     tried = {effect.key for effect in others}
     removed = [joint.first.effects[effect.key] for effect in joint.removed if effect.key not in tried]
-    space = ScoreTests.of(closer, (*others, *removed), seed, None, progress)
+    space = ScoreTests.of(closer, (*others, *removed), seed, None, progress, joint.drawn)
     return beside_removed(joint, space, progress)
 
 

@@ -117,7 +117,7 @@ def relinearised(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
     closer = relinearise(space.linearisation, progress, SELECTION.settled_phase)
     if closer is space.linearisation:
         return joint
-    tests = ScoreTests.of(closer, list(space.effects.values()), seed, None, progress)
+    tests = ScoreTests.of(closer, list(space.effects.values()), seed, None, progress, joint.drawn)
     tests = beside_removed(joint, tests, progress)
     return only_standing(beside_of(joint.based_on(tests), tests, progress), seed, progress)
 
@@ -131,7 +131,7 @@ def with_floor_at_tolerances(joint: Joint, seed: int, progress: Progress = silen
     sums = sheet_products(space.linearisation.runs, floor)
     linearisation = replace(space.linearisation, floor=floor, sums=sums)
     # What noise adds cancels in what the model explains at this fit's zeros only.
-    tests = ScoreTests.of(linearisation, list(space.effects.values()), seed, space.noise, progress)
+    tests = ScoreTests.of(linearisation, list(space.effects.values()), seed, space.noise, progress, [space.drawn])
     return beside_of(joint, beside_removed(joint, tests, progress), progress)
 
 
@@ -170,7 +170,7 @@ def exchanged(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
         nearest, law = min(better, key=lambda pair: pair[0].margin)
         tried |= {law.key, nearest.key}
         without = less(joint, [law.key])
-        rival = constants_by_runs(without.fit, joint.space.floor, [nearest.effect], progress)
+        rival = constants_by_runs(without.fit, joint.space.floor, [nearest.effect], progress, joint.drawn)
         other = fitted_together(replace(without, added=(*without.added, *rival)), seed, progress)
         joint = other if nearest.key in other.keys else joint
 

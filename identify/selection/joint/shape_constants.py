@@ -19,6 +19,7 @@ from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.columns.candidate_columns import solved
 from lacet.identify.selection.columns.cross_products import Extent
+from lacet.identify.selection.columns.drawn_noise import DrawnNoise
 from lacet.identify.selection.columns.interpolation import searched_in_ratios
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.partial_regression import PartialRegression
@@ -28,17 +29,19 @@ from lacet.identify.validation.noise_floor import NoiseFloor
 
 
 def constants_by_runs(
-    fitted: Fit, floor: NoiseFloor, effects: Sequence[Effect], progress: Progress = silent
-) -> list[Effect]:
+    fitted: Fit, floor: NoiseFloor, effects: Sequence[Effect], progress: Progress = silent,
+    drawn: Sequence[DrawnNoise] = (),
+) -> list[Effect]:  # fmt: skip
     """The effects with the shape constants at which they explain most together of what a fit leaves on its runs.
 
-    Nothing is asked of them: they need not be missing. `floor` : noise floor of the fit.
+    Nothing is asked of them: they need not be missing. `floor` : noise floor of the fit; `drawn` :
+    noise in the columns drawn for other fits.
     """
     if not any(effect.grids for effect in effects):
         return list(effects)
     begun = [replace(e, shape={**{name: values[0] for name, values in e.grids.items()}, **e.shape}) for e in effects]
     progress(Step(Stage.SHAPE_CONSTANTS, subject=", ".join(effect.key for effect in effects)))
-    space = ScoreTests.of(Linearisation.of(fitted, floor), begun, 0, None, progress)
+    space = ScoreTests.of(Linearisation.of(fitted, floor), begun, 0, None, progress, drawn)
     known = [effect for effect in begun if effect.key in space.effects]
     found = {effect.key: effect for effect in with_best_constants(space, known, progress)}
     return [found.get(effect.key, effect) for effect in begun]

@@ -158,8 +158,7 @@ def without_noise(space: ScoreTests) -> ScoreTests:
     Corrected for noise in the model's columns alone, a law that these nearly explain would have less than no energy.
     """
     labels, rows = regressor_labels(space.fitted, space.columns.plain_layout), space.floor.sigma
-    none = dict.fromkeys(rows, np.zeros((space.columns.plain_layout.width,) * 2))
-    return ScoreTests(space.columns, RegressorNoise(labels, none, rows), noise_ratio=space.noise_ratio)
+    return ScoreTests(space.columns, RegressorNoise(labels, (), rows), noise_ratio=space.noise_ratio)
 
 
 def _one_lines(effects: Iterable[Effect]) -> Terms:

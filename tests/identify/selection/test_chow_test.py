@@ -57,7 +57,7 @@ def test_it_is_dense_least_squares_with_columns_of_each_runs_own(
     same: ScoreTests, key: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """All samples stacked, zeros of each run and what is known beforehand among the unknowns."""
-    none = lambda noise, sums, noise_ratio, sigma: np.zeros((sums.layout.width,) * 2)  # noqa: E731
+    none = lambda noise, sums, noise_ratio, sigma, layout=None: np.zeros(((layout or sums.layout).width,) * 2)  # noqa: E731
     monkeypatch.setattr(RegressorNoise, "products", none)
     candidates = {c.key: c for c in same.family_wise(same.try_all())}
     other = candidates["anti_roll_bar.front"]
@@ -83,7 +83,7 @@ def test_a_law_in_the_model_is_tried_with_columns_of_each_runs_own(
 
     Effects `selected` beside the fit have common parameters, too.
     """
-    none = lambda noise, sums, noise_ratio, sigma: np.zeros((sums.layout.width,) * 2)  # noqa: E731
+    none = lambda noise, sums, noise_ratio, sigma, layout=None: np.zeros(((layout or sums.layout).width,) * 2)  # noqa: E731
     monkeypatch.setattr(RegressorNoise, "products", none)
     fitted = fit(MODEL + CUBIC, [run(number, size) for number, size in ((1, 4e6), (2, 3e6))])
     space = ScoreTests.of(Linearisation.of(fitted, floor_of(fitted, DRAWS)), TRIED[1:], 0)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from lacet.identify.car.motion import Motion
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect, Parameter
 from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.multibody.vectors import Array
@@ -16,8 +17,8 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.selection.candidate import Answer
-from lacet.identify.selection.columns.cross_products import CrossProducts, Extent
-from lacet.identify.selection.columns.layout import Trial
+from lacet.identify.selection.columns.cross_products import Extent
+from lacet.identify.selection.columns.layout import Layout, Trial
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise, regressor_labels
 from lacet.identify.selection.diagnose import diagnose
@@ -62,9 +63,8 @@ def floor(fitted: Fit) -> NoiseFloor:
 def silent(fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect]) -> ScoreTests:
     """The ranking without the correction for noise in the columns."""
 
-    def none(fitted: Fit, sums: CrossProducts, sigma: Mapping[str, float], **_: object) -> RegressorNoise:
-        totals = {row: np.zeros((sums.layout.width,) * 2) for row in sigma}
-        return RegressorNoise(regressor_labels(fitted, sums.layout), totals, dict(sigma))
+    def none(fitted: Fit, layout: Layout, sigma: Mapping[Row, float], *_: object) -> RegressorNoise:
+        return RegressorNoise(regressor_labels(fitted, layout), (), dict(sigma))
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(RegressorNoise, "of", none)
@@ -308,10 +308,15 @@ def test_noise_in_the_columns_is_kept_exactly(fitted: Fit, floor: NoiseFloor):
     first = diagnose(fitted, floor, CANDIDATES[:6])
     back = RegressorNoise.from_arrays(first.noise.arrays())
     assert back.labels == first.noise.labels
-    assert back.totals.keys() == first.noise.totals.keys()
-    for row, total in first.noise.totals.items():
-        np.testing.assert_array_equal(back.totals[row], total)
-        assert np.any(total)
+    assert len(back.runs) == len(first.noise.runs) == 2
+    for kept, drawn in zip(back.runs, first.noise.runs, strict=True):
+        assert (kept.run, kept.rows.keys()) == (drawn.run, drawn.rows.keys())
+        for name in ("priors", "values"):
+            np.testing.assert_array_equal(getattr(kept, name), getattr(drawn, name))
+        for row, one in drawn.rows.items():
+            for name in ("places", "products", "across"):
+                np.testing.assert_array_equal(getattr(kept.rows[row], name), getattr(one, name))
+                assert np.any(getattr(one, name))
     again = diagnose(fitted, floor, CANDIDATES[:6], noise=back)
     assert again.noise is back
     assert (says(again), again.candidates[0].drop, again.noise_ratio) == (
@@ -323,7 +328,7 @@ def test_noise_in_the_columns_is_kept_exactly(fitted: Fit, floor: NoiseFloor):
         assert (a.key, a.p, a.drop, a.gain, a.values, a.interval) == (b.key, b.p, b.drop, b.gain, b.values, b.interval)
     fewer = ScoreTests.of(Linearisation.of(fitted, floor), CANDIDATES[:4], 0, back)
     assert fewer.noise is not back
-    assert fewer.noise.totals["tyre.fl"].shape == 2 * (fewer.layout.width,)
+    assert max(int(np.max(one.places)) for run in fewer.noise.runs for one in run.rows.values()) == fewer.layout.right
 
 
 def test_fewer_sums_are_the_same_sums(fitted: Fit, floor: NoiseFloor):

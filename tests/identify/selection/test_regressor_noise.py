@@ -8,7 +8,6 @@ from typing import cast
 
 import numpy as np
 import pytest
-import scipy.linalg
 
 from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
@@ -16,8 +15,9 @@ from lacet.identify.regression.assembly import SensorResponses
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.selection.columns.candidate_columns import CandidateColumns
+from lacet.identify.selection.columns.cross_products import CrossProducts
 from lacet.identify.selection.columns.linearisation import Linearisation
-from lacet.identify.selection.columns.regressor_noise import RegressorNoise
+from lacet.identify.selection.columns.regressor_noise import RegressorNoise, RunNoise
 from lacet.identify.selection.columns.weighted_columns import columns_of
 from lacet.identify.selection.partial_regression import PartialRegression, at_gain
 from lacet.identify.selection.score_tests import ScoreTests
@@ -32,13 +32,12 @@ def test_without_noise_nothing_is_shifted(fitted: Fit, floor: NoiseFloor, space:
     """A hundredth of the noise shifts sums by its square."""
     rig = replace(RIG, sensors=tuple(replace(s, noise={k: 0.01 * v for k, v in s.noise.items()}) for s in RIG.sensors))
     quiet = fit(MODEL, [PreparedRun(replace(fitted.runs[0].recording, rig=rig))], FitOptions(unbias=False))
-    calm = RegressorNoise.of(
-        quiet, CandidateColumns.of(Linearisation.of(quiet, floor), CANDIDATES, 0, 1.0).sums, floor.sigma
-    )
+    sums = CandidateColumns.of(Linearisation.of(quiet, floor), CANDIDATES, 0, 1.0).sums
+    calm = RegressorNoise.of(quiet, sums.layout, floor.sigma)
     assert calm.labels == space.noise.labels
-    for row, total in space.noise.totals.items():
+    for row, total in by_row(space.noise, space.sums).items():
         assert total.shape == 2 * (space.layout.width,)
-        small, large = (np.diag(a)[:-1] for a in (calm.totals[row], total))
+        small, large = (np.diag(a)[:-1] for a in (by_row(calm, sums)[row], total))
         assert np.any(large > 0.0)
         assert np.all(np.abs(small) <= 1e-2 * np.abs(large) + 1e-9), row
 
@@ -68,12 +67,16 @@ def test_combinations_of_the_columns_hold_the_combined_noise() -> None:
     total = np.zeros((6, 6))
     total[np.ix_([0, 2, 3, 5], [0, 2, 3, 5])] = part @ part.T
     first, second = Row.parse("suspension.fl"), Row.parse("tyre.rr")
-    noise = RegressorNoise(tuple("abcdef"), {first: total, second: np.zeros((6, 6))}, {first: 1.0, second: 1.0})
+    totals = {first: total, second: np.zeros((6, 6))}
+    noise = RegressorNoise(tuple("abcdef"), (RunNoise.of_totals(totals),), {first: 1.0, second: 1.0})
     weights = np.eye(6)[[0, 1, 2, 3, 4, 4, 1, 5]]
     weights[5], weights[6] = [0.0, 0.0, 0.3, 0.7, 0.0, 0.0], 0.0
-    moved = noise.at(tuple("abcdefgh"), weights)
-    np.testing.assert_allclose(moved.totals[first], weights @ total @ weights.T, rtol=1e-10, atol=1e-12)
-    assert not np.any(moved.totals[second])
+    (moved,) = noise.at(tuple("abcdefgh"), weights).runs
+    found = {row: np.zeros((8, 8)) for row in totals}
+    for row, one in moved.rows.items():
+        found[row][np.ix_(one.places, one.places)] = one.products
+    np.testing.assert_allclose(found[first], weights @ total @ weights.T, rtol=1e-10, atol=1e-12)
+    assert not np.any(found[second])
 
 
 def test_noise_is_what_the_same_draws_do_sample_by_sample(space: ScoreTests, fitted: Fit, floor: NoiseFloor):
@@ -109,9 +112,8 @@ def test_noise_is_what_the_same_draws_do_sample_by_sample(space: ScoreTests, fit
             for row, after in products(noisy).items():
                 found[row] += (after - before[row]) / (2 * SELECTION.noise_pairs)
     size = np.sqrt(np.diag(space.regression.reduced_noisy)[places])
-    turn = scipy.linalg.block_diag(sums.turn, np.eye(layout.width - layout.model))
-    for row, total in space.noise.totals.items():
-        left = at_gain(turn.T @ total @ turn, space.regression.nuisance, space.regression.gain)
+    for row, total in by_row(space.noise, sums).items():
+        left = at_gain(total, space.regression.nuisance, space.regression.gain)
         np.testing.assert_allclose(left[places, -1] / size, found[row] / size, rtol=1e-4, atol=1e-5, err_msg=row)
 
 
@@ -155,7 +157,8 @@ def test_of_long_data_all_is_drawn_with_fewer_pairs(fitted: Fit, floor: NoiseFlo
     """One pair of draws for each run of three instead of two: other draws, and no run is left out."""
     runs = [PreparedRun(replace(driven(exact(), seed).recording, run=f"run{seed}")) for seed in (0, 31, 32)]
     three = fit(MODEL, runs, FitOptions(unbias=False))
-    own = CandidateColumns.of(Linearisation.of(three, floor_of(three, 3)), CANDIDATES[:4], 0, 1.0).sums
+    sums = CandidateColumns.of(Linearisation.of(three, floor_of(three, 3)), CANDIDATES[:4], 0, 1.0).sums
+    own = sums.layout
     counted = list[int]()
     RegressorNoise.of(three, own, floor.sigma, progress=lambda step: counted.append(step.total))
     monkeypatch.setattr(
@@ -164,8 +167,9 @@ def test_of_long_data_all_is_drawn_with_fewer_pairs(fitted: Fit, floor: NoiseFlo
     few = RegressorNoise.of(three, own, floor.sigma, progress=lambda step: counted.append(step.total))
     assert (counted[0], counted[-1]) == (3 * SELECTION.noise_pairs, 3)
     each = [RegressorNoise.of_run(three, own, floor.sigma, run, 1) for run in range(3)]
-    for row, total in few.totals.items():
-        np.testing.assert_allclose(total, sum(one.totals[row] for one in each), rtol=1e-12, err_msg=row)
+    for row, total in by_row(few, sums).items():
+        parts = [by_row(one, sums)[row] for one in each]
+        np.testing.assert_allclose(total, np.sum(parts, axis=0), rtol=1e-12, atol=1e-9, err_msg=row)
 
 
 def test_noise_is_taken_out_of_every_fold_by_its_share(space: ScoreTests):
@@ -189,7 +193,7 @@ def test_noise_weighted_otherwise_is_what_would_be_drawn(fitted: Fit, floor: Noi
     )
     own = ScoreTests.of(Linearisation.of(fitted, other), CANDIDATES, 0, space.noise)
     assert own.noise is space.noise
-    drawn = RegressorNoise.of(fitted, own.sums, other.sigma)
+    drawn = RegressorNoise.of(fitted, own.layout, other.sigma)
     quiet = dict.fromkeys(other.sigma, 1.0)
     kept, right = (np.diag(noise.products(own.sums, quiet, other.sigma)) for noise in (space.noise, drawn))
     large = right > 1e-4 * np.diag(own.sums.total)
@@ -207,6 +211,11 @@ def test_noise_of_what_was_tried_is_taken_out_where_it_is_tried_together(space: 
         for found, gain_test in zip(inside.values(trial.place), (one.values, one.spread), strict=True):
             np.testing.assert_allclose(found, gain_test, rtol=1e-6, err_msg=one.key)
     assert noisy
+
+
+def by_row(noise: RegressorNoise, sums: CrossProducts) -> dict[Row, Array]:
+    """Row → (w, w) products of the noise on it, for the columns of `sums`."""
+    return {row: noise.products(sums, {row: 1.0}, noise.sigma) for row in noise.sigma}
 
 
 def _at_other_zeros(space: ScoreTests) -> Array:
