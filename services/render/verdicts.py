@@ -88,7 +88,7 @@ def reason_text(c: Candidate, effect: Effect | None, draws: int) -> str:
         case Reason.NO_TABLE:
             return f"{takes} Undecided: with an unknown bench table of its axle in the fit it need not be there."
         case _ if c.answer is Answer.MISSING and c.open_at:
-            return f"{takes} Its size is {_open(c.open_at)}; {chance}."
+            return f"{takes} Its size is {open_because(c.open_at)}; {chance}."
         case _ if c.answer is Answer.MISSING:
             return f"{takes} Its size is {sizes(c, effect)} (95 %); {chance}."
         case _:
@@ -250,7 +250,7 @@ def _as_one(total: SumOfPlaces) -> str:
     )
 
 
-def _open(axles: Sequence[str]) -> str:
+def open_because(axles: Sequence[str]) -> str:
     """Why sizes of effects found at these axles are not given."""
     return f"open: the bench table of the {_axles(axles)} is not known, and something unlisted remains there"
 
@@ -263,7 +263,7 @@ def _open_sizes(d: Diagnosis) -> str:
     """The effects found whose sizes are open, and why, by the axles that leave them open."""
     by_axles = dict.fromkeys(c.open_at for c in d.found if c.open_at)
     keys = {axles: [c.key for c in d.found if c.open_at == axles] for axles in by_axles}
-    return "".join(f" Of {' and '.join(keys[axles])} the size is {_open(axles)}." for axles in by_axles)
+    return "".join(f" Of {' and '.join(keys[axles])} the size is {open_because(axles)}." for axles in by_axles)
 
 
 def _sentence(text: str) -> str:

@@ -26,7 +26,7 @@ from lacet.services.render.identifiability import not_derived, open_parameters, 
 from lacet.services.render.known_scale import scale_result
 from lacet.services.render.row_sources import sources_result
 from lacet.services.render.rows import colour_words, row_absence
-from lacet.services.render.verdicts import says, short_reason, why
+from lacet.services.render.verdicts import open_because, says, short_reason, why
 from lacet.services.workspace.loading import Loaded
 from lacet.services.workspace.study import Study
 
@@ -114,6 +114,33 @@ def parameter_results(fitted: FittedModel, found: Sequence[Estimate], whole: Who
             )
         ],
     }
+
+
+def open_sizes(before: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -> dict[str, Sequence[str]]:
+    """Effect → axles that leave its size open, for versions made from one with result `before` and this diagnosis.
+
+    What was open in that version stays so while its diagnosis, if there is one, names something unlisted.
+    """
+    found = diagnosis or {}
+    out = dict(before.get("open_sizes", {})) if found.get("unlisted", True) else {}
+    return out | {c["effect"]: c["open_at"] for c in found.get("candidates", ()) if c.get("open_at")}
+
+
+def without_open_sizes(result: Mapping[str, Any], open_at: Mapping[str, Sequence[str]]) -> dict[str, Any]:
+    """A fit's result in which parameters of effects whose size is open are not identified, with the reason.
+
+    `open_at` : `open_sizes`, which the result keeps.
+    """
+    still = [p for p in result["parameters"] if p["effect"] not in open_at]
+    unknown = [
+        {"name": p["name"], "effect": p["effect"], "why": f"its size is {open_because(open_at[p['effect']])}"}
+        for p in result["parameters"]
+        if p["effect"] in open_at
+    ]
+    return {
+        **result, "parameters": still, "not_identifiable": [*result["not_identifiable"], *unknown],
+        "open_sizes": {key: list(axles) for key, axles in open_at.items()},
+    }  # fmt: skip
 
 
 def scores(comparisons: Sequence[Comparison]) -> dict[str, dict[str, Any]]:

@@ -25,7 +25,7 @@ from lacet.services.workspace.kept.kept_values import KeptValues
 from lacet.services.workspace.kept.study_plans import EXPECTED_EFFECTS, StudyPlan, Wanted
 from lacet.services.workspace.kept.study_runs import StudyRuns
 from lacet.services.workspace.loading import load
-from lacet.services.workspace.results import change_result, diagnosis_result, fit_result
+from lacet.services.workspace.results import change_result, diagnosis_result, fit_result, open_sizes, without_open_sizes
 from lacet.services.workspace.study import Study, Version
 
 MOST_EFFECTS = 40
@@ -144,13 +144,17 @@ class Session:
         reference = self.runs.reference(self.study.version()) if self.study.current else self.runs.loaded.reference
         version = Version(number, effects, note, {"wheel_reference": reference})
         with self.planned(("result", version), *((kind, version) for kind in self.after)):
-            result = self.values.result(version)
+            result = without_open_sizes(self.values.result(version), self._open_sizes())
         try:
             self.study = self.study.record(effects, note, result)
         finally:
             if self.study.current != number:  # another writer's version has this number now
                 self.values.forget(number)
         return self.study.version()
+
+    def _open_sizes(self) -> Mapping[str, Sequence[str]]:
+        """Effects whose size is open in a version that is made from the current one, with the axles that leave it."""
+        return open_sizes(self.study.version().result, self.study.diagnosis()) if self.study.current else {}
 
     def add_missing(
         self, most: int = MOST_EFFECTS,

@@ -70,3 +70,32 @@ def test_a_ranking_has_the_error_of_its_version(study: Study, monkeypatch: pytes
     monkeypatch.setattr(KeptValues, "_diagnosis", lambda self, version: Ranking({TYRE: 1.01}))
     version = replace(study.version(), result=result)
     assert Session(study).values.diagnosis(version).ratios == {TYRE: 3.0}
+
+
+def test_a_size_that_a_diagnosis_leaves_open_is_no_number_in_the_versions_made_after_it(
+    study: Study, monkeypatch: pytest.MonkeyPatch
+):
+    """In tables, reports and exports, until a diagnosis names nothing unlisted."""
+    parts = [(key, f"{key}.k") for key in BARS]
+
+    def result(self: KeptValues, version: Version) -> dict[str, Any]:
+        found = [{"name": name, "effect": key, "value": 9500.0, "half95": 1.0} for key, name in parts]
+        return {**NO_ROWS, "parameters": [p for p in found if p["effect"] in version.effects], "not_identifiable": []}
+
+    def diagnosed(unlisted: bool, *open_keys: str) -> None:
+        session.study.record_diagnosis(
+            {"unlisted": unlisted, "candidates": [{"effect": k, "open_at": ["rear"], "shape": {}} for k in open_keys]}
+        )
+
+    monkeypatch.setattr(KeptValues, "result", result)
+    session = Session(study)
+    diagnosed(True, *BARS)
+    for key in BARS:
+        now = session.record({**session.study.version().effects, key: {}}, "added").result
+    assert now["parameters"] == []
+    why = "its size is open: the bench table of the rear axle is not known, and something unlisted remains there"
+    assert [(p["name"], p["why"]) for p in now["not_identifiable"]] == [(name, why) for _, name in parts]
+    diagnosed(True)
+    assert session.record(session.study.version().effects, "again").result["parameters"] == []
+    diagnosed(False)
+    assert len(session.record(session.study.version().effects, "again").result["parameters"]) == 2
