@@ -80,6 +80,7 @@ class Axle:
     outboard_mass, outboard_spin, outboard_transverse : rim and tyre (and the spinning half of the dynamometer).
     radius : unloaded tyre radius R0 [m]; `tyre_stiffness` : vertical, along the road normal [N/m].
     cornering : cornering stiffness ÷ load at the nominal load [1/rad]; `slip` : longitudinal slip stiffness ÷ load [-].
+    brake_drag : torque of a brake that is released [N·m].
     """
 
     track: float
@@ -103,6 +104,7 @@ class Axle:
     slip: float
     steered: bool
     driven: bool
+    brake_drag: float = 0.0
 
     @property
     def unsprung_mass(self) -> float:
@@ -117,11 +119,12 @@ class Axle:
 
 @dataclass(frozen=True)
 class Tyre:
-    """Tyre parameters common to all four wheels (identification from measured wheel loads needs none of them).
+    """Parameters of a tyre beyond those of its axle (identification from measured wheel loads needs none of them).
 
     `friction` μ; `load_nominal` [N]; `degression`: relative loss of cornering stiffness per relative load;
     `relaxation_lateral`, `relaxation_longitudinal` [m]; `trail`: pneumatic trail at no slip [m];
-    `rolling_resistance` [-]; `contact_length`: of the patch, for enveloping [m].
+    `rolling_resistance` [-]; `contact_length`: of the patch, for enveloping [m]; `neutral_slip`: slip angle at which
+    it has no lateral force [rad]: plysteer, conicity, and how its wheel is set.
     """
 
     friction: float = 0.95
@@ -132,14 +135,19 @@ class Tyre:
     trail: float = 0.030
     rolling_resistance: float = 0.012
     contact_length: float = 0.12
+    neutral_slip: float = 0.0
+
+
+OWN = ("stiffness", "damping", "tyre_stiffness", "cornering", "brake_drag")
+"""Parameters of an axle that may differ from one of its corners to the other."""
 
 
 @dataclass(frozen=True)
 class Car:
     """Parameters of a simulated car; `total` is the whole vehicle at design position, without the `payload` of a run.
 
-    `corners` : parameters of single corners that differ from their axle, by corner name. Only `stiffness`,
-    `damping` and `tyre_stiffness` may differ: the geometry is the axle's.
+    `corners` : parameters of single corners that differ from their axle, by corner name. Only those of `OWN` may
+    differ: the geometry is the axle's. `tyres` : tyres of single corners that differ from `tyre`.
     """
 
     name: str
@@ -151,17 +159,22 @@ class Car:
     gravity: float = 9.80665
     payload: Inertia | None = None
     corners: Mapping[str, Axle] = field(default_factory=dict)
+    tyres: Mapping[str, Tyre] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for corner, own in self.corners.items():
             axle = self.front if corner[0] == "f" else self.rear
-            alike = {name: getattr(axle, name) for name in ("stiffness", "damping", "tyre_stiffness")}
+            alike = {name: getattr(axle, name) for name in OWN}
             if replace(own, **alike) != axle:
-                raise UsageError(f"corner {corner} of {self.name}: only springs, dampers and tyre stiffness may differ")
+                raise UsageError(f"corner {corner} of {self.name}: only {', '.join(OWN)} may differ")
 
     def axle(self, corner: str) -> Axle:
         """Parameters of a corner: its own, else its axle's."""
         return self.corners.get(corner) or (self.front if corner[0] == "f" else self.rear)
+
+    def tyre_at(self, corner: str) -> Tyre:
+        """Tyre of a corner: its own, else that of the car."""
+        return self.tyres.get(corner, self.tyre)
 
     @property
     def spin_axes(self) -> Vector:

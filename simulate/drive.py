@@ -167,6 +167,7 @@ def _integrate(
         for axle, uneven in zip((FRONT_BRAKES, 1.0 - FRONT_BRAKES), manoeuvre.uneven, strict=True)
         for side in (1.0, -1.0)
     ]
+    drag = [car.axle(c).brake_drag for c in CORNERS]
     state = np.concatenate([data.qvel, np.zeros(engine.states)])  # velocities, tyre slips, states of hidden effects
     rates, speeds = np.zeros((3, len(state))), np.zeros((2, nv))  # newest first
     for k in range(before + (samples - 1) * every + 1):
@@ -179,7 +180,7 @@ def _integrate(
         brakes += step / 0.02 * (manoeuvre.brake(t, speed) - brakes)
         total = brakes * mass * car.front.radius
         shaft = [torque / len(driven) if i in driven else 0.0 for i in range(4)]
-        brake = [total * part for part in shares]
+        brake = [total * part + released for part, released in zip(shares, drag, strict=True)]
         now = engine.load(q, v, state[nv:].tolist(), steer, shaft, brake, step)
         a = engine.accelerate()
         if k >= before and (k - before) % every == 0:

@@ -109,7 +109,7 @@ class Engine:
         self._tyres = [
             WheelTyre(
                 car.axle(c),
-                car.tyre,
+                car.tyre_at(c),
                 *(
                     total_at(hidden, name, c)
                     for name in ("tyre_progression", "tyre_damping", "rolling_resistance", "camber_thrust")

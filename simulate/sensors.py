@@ -152,7 +152,8 @@ def _lasers(motion: CarMotion, sensor: Sensor, faults: Sequence[Hidden]) -> dict
 def _torques(motion: CarMotion) -> dict[str, Array]:
     out = {f"shaft.{c}.torque": motion.shaft[:, i : i + 1] for i, c in enumerate(CORNERS)}
     out |= {f"brake.{c}.torque": motion.brake[:, i : i + 1] for i, c in enumerate(CORNERS)}
-    front = np.mean(np.abs(motion.brake[:, :2]), axis=1)
+    drag = [motion.car.axle(c).brake_drag for c in CORNERS[:2]]  # without pressure
+    front = np.mean(np.maximum(np.abs(motion.brake[:, :2]) - drag, 0.0), axis=1)
     return out | {"brake.pressure": (front / BRAKE_TORQUE_PER_PASCAL)[:, None]}
 
 

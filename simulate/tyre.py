@@ -4,10 +4,11 @@ Vertical: along the road normal e, F·e = kt·δ (+ hidden terms), δ = R0 - h/�
 n spin axis; 0 when the wheel is in the air. Horizontal: brush model with combined slip, its slips relaxing:
 
     σx dκ/dt = -vsx - |vx|·κ,   σy dα/dt = -vsy - |vx|·α        (vs: slip velocity at the contact, v·l = vx)
-    s = √((Cκ·κ)² + (Cα·α)²)/(μ·Fz),   F = μ·Fz·g(s)·(Cκ·κ, Cα·α)/(s·μ·Fz),   g = s - s²/3 + s³/27 (1 from s = 3)
+    s = √((Cκ·κ)² + (Cα·β)²)/(μ·Fz),   F = μ·Fz·g(s)·(Cκ·κ, Cα·β)/(s·μ·Fz),   g = s - s²/3 + s³/27 (1 from s = 3)
 
-Cκ = slip·Fz, Cα = cornering·Fz·(1 - degression·(Fz/F0 - 1)). Aligning moment -t·Fy about e with the trail
-t = trail·(1 - s/3)³; rolling resistance as a moment -f·Fz·R·tanh(ω) about the lateral axis e × l.
+β = α - α₀ with the tyre's neutral slip α₀, Cκ = slip·Fz, Cα = cornering·Fz·(1 - degression·(Fz/F0 - 1)). Aligning
+moment -t·Fy about e with the trail t = trail·(1 - s/3)³; rolling resistance as a moment -f·Fz·R·tanh(ω) about the
+lateral axis e × l.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ class WheelTyre:
         self.cornering, self.slip, self.friction = axle.cornering, axle.slip, tyre.friction
         self.nominal, self.degression = tyre.load_nominal, tyre.degression
         self.sigma_x, self.sigma_y, self.trail = tyre.relaxation_longitudinal, tyre.relaxation_lateral, tyre.trail
+        self.neutral_slip = tyre.neutral_slip
         self.progression, self.damping = progression, damping
         self.resistance, self.camber_thrust = tyre.rolling_resistance + resistance, camber_thrust
         self._first = self._second = math.nan
@@ -97,7 +99,8 @@ class WheelTyre:
         if load > 0.0:
             grip = self.friction * load
             sx = self.slip * load * kappa / grip
-            sy = self.cornering * load * (1.0 - self.degression * (load / self.nominal - 1.0)) * alpha / grip
+            stiffness = self.cornering * load * (1.0 - self.degression * (load / self.nominal - 1.0))
+            sy = stiffness * (alpha - self.neutral_slip) / grip
             s = math.sqrt(sx * sx + sy * sy)
             part = 1.0 - s / 3.0 + s * s / 27.0 if s < 3.0 else 1.0 / s
             long, lat = grip * part * sx, grip * part * sy

@@ -9,9 +9,12 @@ import pytest
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.errors import UsageError
+from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.services.reproduction.published_tables import LINES
 from lacet.simulate import Hidden, find_car, make_manoeuvre, run
+from lacet.simulate.sensors import felt
+from lacet.simulate.tyre import WheelTyre
 from lacet.simulate.vehicle_file import vehicle_text
 from tests.simulate.simulated_drives import drive
 
@@ -72,3 +75,28 @@ def test_a_rough_road_under_steering_moves_both_sides_alike_where_a_flat_one_can
     assert heave[1] > 0.5
     start = make_manoeuvre("spiral", grade="A").road(find_car("peugeot-406"), 1, 2.0)
     assert start.start < -500.0 < 500.0 < start.start + 0.01 * len(start.left)
+
+
+def test_a_tyre_of_its_own_has_no_lateral_force_at_its_neutral_slip_and_its_own_resistance() -> None:
+    own = replace(CAR.tyre, neutral_slip=0.004, rolling_resistance=0.03)
+    car = replace(CAR, tyres={"fl": own}, corners={})
+    at = {}
+    for c in CORNERS[:2]:
+        tyre = WheelTyre(car.axle(c), car.tyre_at(c), 0.0, 0.0, 0.0, 0.0)
+        at[c] = tyre.contact(
+            (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), 0.30, (20.0, 0.0, 0.0), (0.0, 0.0, 0.0), 66.0, 0.0, 0.004, 0.001
+        )
+    load = at["fr"].force[2]
+    assert at["fl"].force == pytest.approx((0.0, 0.0, load), abs=1e-9)
+    assert at["fr"].force[1] > 0.8 * 0.004 * car.front.cornering * load
+    assert [at[c].moment[1] for c in ("fl", "fr")] == pytest.approx([-0.03 * load * 0.30, -0.012 * load * 0.30])
+
+
+def test_a_released_brake_of_one_corner_drags_there_alone_and_its_line_has_no_pressure() -> None:
+    dragging = replace(CAR, corners={**CAR.corners, "fl": replace(CAR.axle("fl"), brake_drag=4.0)})
+    motion = run(dragging, make_manoeuvre("straight", duration=0.5), settle=0.5)
+    assert motion.brake == pytest.approx(np.array([4.0, 0.0, 0.0, 0.0]) * np.ones((len(motion.t), 1)), abs=1e-6)
+    along = np.mean(motion.force[:, :2, 0], axis=0)
+    assert along[0] - along[1] == pytest.approx(-4.0 / CAR.heights[0], abs=1.0)
+    text = 'format = "lacet-rig 1"\nname = "b"\n[[sensor]]\nname = "line"\nchannels = ["brake.pressure"]\n'
+    assert felt(motion, Rig.parse(text, "brakes"))["brake.pressure"] == pytest.approx(0.0, abs=1e-3)
