@@ -1,12 +1,13 @@
 """Are the wheel forces of a run without dynamometers right, and do their bands hold? Simulated campaigns.
 
-Each campaign draws noise, zeros, gains and latencies of its instruments anew, identifies the simulated car from four
-runs with dynamometers, and estimates the wheel forces of other manoeuvres from which the dynamometers were taken. The
-truth is the simulator's, without noise. The brakes of a run held out are uneven by a draw of what is assumed of them.
+Each campaign draws noise, zeros, gains and latencies of its instruments anew, and tyres and released brakes that differ
+from wheel to wheel (`benchmarks.uneven_cars`), identifies the car from four runs with dynamometers, and estimates the
+wheel forces of other manoeuvres from which the dynamometers were taken. The truth is the simulator's, without noise.
+The brakes of a run held out are uneven by a draw of what is assumed of them.
 
     python -m benchmarks.forces                   # writes docs/benchmarks/forces.md
     python -m benchmarks.forces --campaigns 2     # a shorter look, printed only
-    python -m benchmarks.forces --campaigns 40 --first 20    # further ones, printed only
+    python -m benchmarks.forces --campaigns 40 --first 500   # further ones, printed only
 """
 
 from __future__ import annotations
@@ -15,12 +16,13 @@ import argparse
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks import coverage
+from benchmarks.uneven_cars import uneven_car
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
@@ -41,7 +43,7 @@ from lacet.identify.wheel_loads.outputs import FORCES, EstimatedForces
 from lacet.identify.wheel_loads.settings import STANDARD
 from lacet.identify.wheel_loads.without_dynamometers import LOADS
 from lacet.services.one_thread import one_thread
-from lacet.simulate import Sheet, exchange_run, find_car, make_manoeuvre
+from lacet.simulate import Car, Sheet, exchange_run, find_car, make_manoeuvre
 from lacet.simulate import run as drive
 from lacet.simulate.motion import SimulatedMotion
 from lacet.simulate.vehicle_file import vehicle_text
@@ -65,7 +67,10 @@ HELD: tuple[tuple[str, Mapping[str, Any]], ...] = (
     ("kerb", {"duration": 12.0}),
 )
 """Manoeuvres whose wheel forces are estimated."""
-CAMPAIGNS = 20
+CAMPAIGNS, FIRST = 20, 400
+"""Number of campaigns on the page, and of the first: by those before it what is assumed was chosen."""
+REFERENCE_CAMPAIGNS = 5
+"""Campaigns of the reference car's four motions."""
 
 
 @dataclass(frozen=True)
@@ -79,10 +84,9 @@ class Line:
     half: float
 
 
-@cache
-def motion(name: str, settings: tuple[tuple[str, Any], ...], seed: int) -> SimulatedMotion:
-    """A drive, simulated once for all campaigns."""
-    return drive(find_car(CAR), make_manoeuvre(name, **dict(settings)), [], seed, settle=1.0, step=0.001)
+def motion(car: Car, name: str, settings: Mapping[str, Any], seed: int) -> SimulatedMotion:
+    """A drive of a car."""
+    return drive(car, make_manoeuvre(name, **settings), [], seed, settle=1.0, step=0.001)
 
 
 def without_loads(run: Run) -> Run:
@@ -100,24 +104,25 @@ def known_car(fitted: Fit, runs: Sequence[PreparedRun]) -> KnownCar:
 def campaign(number: int, held: Sequence[tuple[str, Mapping[str, Any]]] = HELD) -> Iterator[Line]:
     """One campaign: the car identified, and the forces of each held-out run against the simulator's."""
     rig, filters = Rig.load(CAR), Filters()
-    vehicle = Vehicle.parse(vehicle_text(find_car(CAR)))
+    rng = np.random.default_rng([23, number])
+    driven = uneven_car(rng, find_car(CAR))
+    vehicle = Vehicle.parse(vehicle_text(driven))
     sheet = Sheet(gains=True, latencies=True, seed=1000 + number)
 
     def measured(moved: SimulatedMotion, seed: int) -> Run:
         return exchange_run(moved, rig, 100 * number + seed, sheet=sheet)
 
-    used = [measured(motion(name, tuple(some.items()), 1), k) for k, (name, some) in enumerate(USED)]
+    used = [measured(motion(driven, name, some, 1), k) for k, (name, some) in enumerate(USED)]
     runs = [PreparedRun.of(run, vehicle, rig) for run in used]
     fitted = fit(Model.of(base_model(vehicle, rig.wheel_reference)), runs, FitOptions(draws=4))
     car = known_car(fitted, runs)
-    rng = np.random.default_rng([23, number])
     for k, (name, some) in enumerate(held):
         if name == "braking":
             uneven = (
                 2.0 * STANDARD.longitudinal.sigma * rng.standard_normal(2)
             )  # the tolerance is of half the difference
             some = {**some, "uneven_front": float(uneven[0]), "uneven_rear": float(uneven[1])}
-        moved = motion(name, tuple(some.items()), 2)
+        moved = motion(driven, name, some, 2)
         hidden = PreparedRun.of(without_loads(measured(moved, 50 + k)), vehicle, rig, filters)
         estimated = estimate_forces(car, hidden, seed=number)
         exact = exchange_run(moved, rig, 0, sheet=Sheet(zeros=False), noise=0.0)
@@ -135,6 +140,21 @@ def reference_car() -> Iterator[Line]:
         others = [run for other, run in runs.items() if other != name]
         fitted = fit(model, others)
         yield from lines_of(0, name, estimate_forces(known_car(fitted, others), held), held, exact=False)
+
+
+def reference_campaign(number: int) -> Iterator[Line]:
+    """Each of the reference car's four motions, measured by instruments drawn anew, from the other three.
+
+    The motions are stored smooth, with loads that fulfil the model exactly (`benchmarks.coverage`): the truth is known.
+    """
+    records, model = coverage.stored_motions()[0], coverage.models()[0]
+    rng = np.random.default_rng([23, 1, number])
+    sheet = coverage.sheet_draw(records[0], rng)
+    runs = [coverage.drawn(record, rng, sheet) for record in records]
+    for name, held, exact in zip(cars.RUNS, runs, records, strict=True):
+        others = [run for run in runs if run is not held]
+        car = known_car(fit(model, others, FitOptions(draws=4)), others)
+        yield from lines_of(number, name, estimate_forces(car, held, seed=number), PreparedRun(exact), exact=True)
 
 
 def lines_of(number: int, name: str, estimated: EstimatedForces, run: PreparedRun, exact: bool) -> Iterator[Line]:
@@ -176,7 +196,7 @@ def table(lines: Sequence[Line]) -> str:
     return "\n".join(out)
 
 
-def page(lines: Sequence[Line], reference: Sequence[Line]) -> str:
+def page(lines: Sequence[Line], reference: Sequence[Line], redrawn: Sequence[Line]) -> str:
     """The page of the study."""
     vertical = [line for line in lines if line.name.endswith("z")]
     within = 100.0 * np.mean([line.error.floors <= 2.0 for line in vertical])
@@ -188,11 +208,14 @@ def page(lines: Sequence[Line], reference: Sequence[Line]) -> str:
         f"**Simulated.** {len({line.campaign for line in lines})} campaigns: noise, zeros, gains and latencies of all",
         "instruments are drawn from the sensor sheet, the Peugeot is identified from four runs with dynamometers",
         f"({', '.join(name for name, _ in USED)}), and of {len(HELD)} other runs without dynamometers the forces are",
-        "estimated, by the same instruments. The truth is the simulator's, without noise. Brakes are uneven left and",
-        "right by a draw of what is assumed (half the difference 5 % of the axle's F_x). A floor is that of the row:",
-        "the suspension's for vertical forces, that of the chassis along x or y for the others; ÷ floor is the median",
-        "over runs and wheels. The mean error is what zeros and gains of the study's dynamometers and of the run's own",
-        "sensors leave; it lasts for a run, so that *inside* is judged over runs. Vertical forces within two floors of",
+        "estimated, by the same instruments. The truth is the simulator's, without noise. Each campaign has tyres and",
+        "brakes of its own, uneven from wheel to wheel (`benchmarks/uneven_cars.py`): toe and conicity (0.11°),",
+        "cornering stiffness (4 %), rolling resistance (0.0115 ± 0.0025, 5 % within a set), trail (20 %), drag of",
+        "released brakes (up to 4 N·m). Braking is uneven left and right by a draw of what is assumed (half the",
+        "difference 5 % of the axle's F_x). A floor is that of the row: the suspension's for vertical forces, that of",
+        "the chassis along x or y for the others; ÷ floor is the median over runs and wheels. The mean error is what",
+        "zeros and gains of the study's dynamometers and of the run's own sensors leave; it lasts for a run, so that",
+        "*inside* is judged over runs. Vertical forces within two floors of",
         f"their row: {within:.0f} % of runs and wheels.",
         "",
         table(lines),
@@ -211,6 +234,11 @@ def page(lines: Sequence[Line], reference: Sequence[Line]) -> str:
         "",
         table(reference),
         "",
+        "Its four motions, 15 s each, with loads that fulfil the model exactly, measured by instruments drawn anew in",
+        f"{len({line.campaign for line in redrawn})} campaigns, against the exact loads:",
+        "",
+        table(redrawn),
+        "",
     ]
     return "\n".join(parts)
 
@@ -219,16 +247,17 @@ def main() -> int:
     """Run the campaigns, and print or write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--campaigns", type=int, help=f"number of campaigns (default: {CAMPAIGNS}); printed only")
-    parser.add_argument("--first", type=int, default=0, help="number of the first of them")
+    parser.add_argument("--first", type=int, default=FIRST, help="number of the first of them")
     args = parser.parse_args()
     lines: list[Line] = []
     with one_thread():
         reference = [*reference_car()]
+        redrawn = [line for number in range(REFERENCE_CAMPAIGNS) for line in reference_campaign(number)]
         for number in range(args.first, args.first + (args.campaigns or CAMPAIGNS)):
             lines += campaign(number)
             print(f"campaign {number + 1}", file=sys.stderr)
-    text = page(lines, reference)
-    if args.campaigns or args.first:
+    text = page(lines, reference, redrawn)
+    if args.campaigns or args.first != FIRST:
         print(text)
     else:
         PAGE.write_text(text, encoding="utf-8")

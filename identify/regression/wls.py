@@ -78,6 +78,22 @@ class Fit(FittedModel):
                 raise ValueError("a model fitted without zeros has no sensitivities")
             yield piece.prepared, piece.sensitivity
 
+    @cached_property
+    def sheet_moves(self) -> Mapping[SheetEntry, Array]:
+        """Entry of the sensor sheet → (p,) change of `theta` by one tolerance of it; `covariance_sheet` is of these."""
+        if self.assembly.at is None:
+            return {}
+        zeros = [values for _, _, values in self.zeros]
+        spread, _ = spread_of(self.assembly, self.equations, self.solution, zeros, self.sigma, sheet=True)
+        inverse = self.covariance_iid[np.ix_(self.place, self.place)]
+        known = set(self.sheet_entries)
+        out: dict[SheetEntry, Array] = {}
+        for entry, push in spread.sheet.items():
+            if entry in known:
+                out[entry] = np.zeros_like(self.theta)
+                out[entry][self.place] = inverse @ push
+        return out
+
     @property
     def stored(self) -> Stored:
         """Intermediate results for fits to the same motions with other noise."""

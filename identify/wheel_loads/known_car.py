@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
 from lacet.daq.channels import CORNERS
+from lacet.daq.rig import Rig
 from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.tolerances import ASSUMED, SheetEntry
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.wheel_loads.settings import STANDARD, Assumptions
@@ -56,10 +57,24 @@ class KnownCar:
     assumed: Assumptions = STANDARD
     knowledge: Knowledge | None = None
 
-    @cached_property
-    def parameter_errors(self) -> Array:
+    def parameter_errors(self, apart: Collection[SheetEntry] = ()) -> Array:
         """As the function of this name, of the fit."""
-        return parameter_errors(self.fitted, self.knowledge or Knowledge.of(self.fitted))
+        return parameter_errors(self.fitted, self.knowledge or Knowledge.of(self.fitted), apart)
+
+    def same_instruments(self, rig: Rig) -> dict[SheetEntry, Array]:
+        """Gains, latencies and assumptions that the study has of the instruments of a run's rig as well.
+
+        Entry of the sensor sheet → (p,) change of the physics' parameters by one tolerance of it. The error of such an
+        instrument is the same in the study and in the run, where much of it cancels: a spring that came out too soft
+        by a laser's gain acts on a travel that is too large by it.
+        """
+        own = self.fitted.runs[0].recording.rig
+        return {
+            entry: moved[: self.fitted.model.physics_size]
+            for entry, moved in self.fitted.sheet_moves.items()
+            if entry[0] == ASSUMED
+            or (own.sensor_of(entry[1]) == rig.sensor_of(entry[1]) and _tolerance(own, entry) == _tolerance(rig, entry))
+        }
 
     @property
     def outboard(self) -> dict[str, float]:
@@ -69,13 +84,20 @@ class KnownCar:
         return {c: self.fitted.value(name) for c, name in found.items() if name in names}
 
 
-def parameter_errors(fitted: Fit, knowledge: Knowledge) -> Array:
+def _tolerance(rig: Rig, entry: SheetEntry) -> float:
+    what, channel, _ = entry
+    return rig.tolerance(channel, what)
+
+
+def parameter_errors(fitted: Fit, knowledge: Knowledge, apart: Collection[SheetEntry] = ()) -> Array:
     """(p, r) L with L Lᵀ the covariance of the physics' parameters, the sensor sheet of the study included.
 
-    `knowledge` : that of the fit.
+    `knowledge` : that of the fit; `apart` : entries of the sheet that are counted elsewhere.
     """
     p = fitted.model.physics_size
     covariance = knowledge.covariance + fitted.covariance_sheet[:p, :p]
+    for entry in apart:
+        covariance = covariance - np.outer(fitted.sheet_moves[entry][:p], fitted.sheet_moves[entry][:p])
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     size, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     kept = size > _SMALLEST * size[-1]

@@ -86,13 +86,19 @@ def constants_of(
     parts = [-dense(run, rows, zeros.columns, len(zeros.names)) * zeros.sigma]
     responses = sheet_responses(run, own)
     channels = [name for name in recording.signals.value if name not in LOADS]
-    for entry in sheet_entries(recording.rig, channels, recording.assumptions):
-        columns = {row: series[:, None] for row, series in responses.get(entry, {}).items()}
-        parts.append(-dense(run, rows, columns, 1))
+    physics, same = car.fitted.model.physics, car.same_instruments(recording.rig)
+    per_parameter = {row: run.matrix(physics, row) for row in run.rows}
+    entries = sheet_entries(recording.rig, channels, recording.assumptions)
+    for entry in entries:
+        columns = {row: -series[:, None] for row, series in responses.get(entry, {}).items()}
+        if entry in same:
+            by_study = {row: (matrix @ same[entry])[:, None] for row, matrix in per_parameter.items()}
+            columns = {row: columns.get(row, 0.0) + series for row, series in by_study.items()}
+        parts.append(dense(run, rows, columns, 1))
         kind = "channels not measured" if entry[0] == NOT_MEASURED else "gains and latencies"
         constants.append(Constant(entry_name(entry, recording.rig), kind, 1.0))
-    physics, errors = car.fitted.model.physics, car.parameter_errors
-    parts.append(dense(run, rows, {row: run.matrix(physics, row) @ errors for row in run.rows}, errors.shape[1]))
+    errors = car.parameter_errors([entry for entry in entries if entry in same])
+    parts.append(dense(run, rows, {row: matrix @ errors for row, matrix in per_parameter.items()}, errors.shape[1]))
     constants += [Constant(f"parameters {k + 1}", "parameters", 1.0) for k in range(errors.shape[1])]
     further = [replace(one, change=one.change * np.sqrt(1.0 - PASSING)) for one in assumed]
     motion = run.motion

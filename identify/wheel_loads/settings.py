@@ -28,13 +28,15 @@ class Assumptions:
     ----------
     trail : pneumatic trail of a tyre [m].
     shift : the load's distance to the left of the wheel's plane [m].
-    rolling : coefficient of rolling resistance.
+    rolling : coefficient of rolling resistance, the same for a set of tyres: 0.0115 ± 0.0025, and 0.0015 for released
+        brakes that drag; `rolling_own` : what a wheel differs by.
     radius : error of the loaded radius where the ground is measured [m]; `radius_unmeasured` : where it is not.
     toe : half of the difference of lateral forces left and right of an axle that toe and camber make [N].
     proportion : the same, as a part of the axle's lateral force, beyond its division in proportion to vertical loads.
     degression : part by which the division differs from that in proportion: 1 where both wheels carry the same.
     longitudinal : half of the difference of longitudinal forces left and right, as a part of the axle's; and
-        `longitudinal_force` as a force [N].
+        `longitudinal_force` as a force [N]: rolling resistance of unequal loads, some 10 N, and released brakes that
+        drag, up to 4 N·m each.
     axles : difference between the axles' longitudinal forces beyond that of driven wheels that drive and of brakes in
         proportion to vertical loads, as a part of the car's; and `axles_force` as a force [N].
     spin_inertia : moment of inertia of rim and tyre about the axis ÷ their mass times R0², with ``hub`` loads.
@@ -42,14 +44,15 @@ class Assumptions:
 
     trail: Tolerance = Tolerance(0.025, 0.015)
     shift: Tolerance = Tolerance(0.0, 0.005)
-    rolling: Tolerance = Tolerance(0.012, 0.005)
+    rolling: Tolerance = Tolerance(0.013, 0.003)
+    rolling_own: Tolerance = Tolerance(0.0, 0.0015)
     radius: Tolerance = Tolerance(0.0, 0.002)
     radius_unmeasured: Tolerance = Tolerance(0.0, 0.008)
     toe: Tolerance = Tolerance(0.0, 150.0)
     proportion: Tolerance = Tolerance(0.0, 0.03)
     degression: Tolerance = Tolerance(0.15, 0.25)
     longitudinal: Tolerance = Tolerance(0.0, 0.05)
-    longitudinal_force: Tolerance = Tolerance(0.0, 30.0)
+    longitudinal_force: Tolerance = Tolerance(0.0, 15.0)
     axles: Tolerance = Tolerance(0.0, 0.3)
     axles_force: Tolerance = Tolerance(0.0, 300.0)
     spin_inertia: Tolerance = Tolerance(0.65, 0.15)

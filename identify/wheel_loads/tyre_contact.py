@@ -208,6 +208,8 @@ class TyreContact:
         def add(name: str, tolerance: Tolerance, loads: WheelLoads) -> None:
             out.append(Assumed(name, tolerance.sigma, loads))
 
+        resistance = {c: self._resistance(c, at[f"z.{c}"]) for c in CORNERS}
+        add("rolling resistance", size.rolling, resistance)
         for axle, (left, right) in AXLES.items():
             x, y = at[f"x.{axle}"], at[f"y.{axle}"]
             part = self._left_part(values, axle) - 0.5
@@ -229,12 +231,17 @@ class TyreContact:
                 radius = size.radius if c in grounds else size.radius_unmeasured
                 add(f"trail, {c}", size.trail, {c: WheelLoad(none, -axes.z * lateral)})
                 add(f"shift of load, {c}", size.shift, {c: WheelLoad(none, axes.x * z)})
-                add(f"rolling resistance, {c}", size.rolling, {c: WheelLoad(none, -axes.y * (self._rolling[c] * z))})
+                add(f"rolling resistance, {c}", size.rolling_own, {c: resistance[c]})
                 add(f"loaded radius, {c}", radius, {c: WheelLoad(none, cross(axes.down, force))})
                 if self.outboard.get(c):
                     spin = WheelLoad(none, self._spin_moment(c))
                     add(f"spin inertia outboard, {c}", size.spin_inertia, {c: spin})
         return out
+
+    def _resistance(self, c: str, z: Array) -> WheelLoad:
+        """Load of a wheel by a rolling resistance of 1 at a vertical force [N]."""
+        axes = self.axes[c]
+        return WheelLoad(np.zeros_like(axes.z), -axes.y * (self._rolling[c] * z))
 
     def in_rows(self, loads: WheelLoads, rows: Sequence[Row]) -> Array:
         """(rows, N) left sides that these loads alone make, without torques on the wheels."""

@@ -65,7 +65,7 @@ def test_what_is_assumed_changes_no_force_of_an_axle() -> None:
         np.testing.assert_allclose(forces_of(with_loads(motion, one.loads)), 0.0, atol=1e-8, err_msg=one.name)
         assert one.sigma > 0.0
         assert np.any(contact.in_rows(one.loads, ROWS) != 0.0), one.name
-    assert len(names) == 5 * len(AXLES) + 4 * len(CORNERS)
+    assert len(names) == 1 + 5 * len(AXLES) + 4 * len(CORNERS)
 
 
 def test_a_mass_at_a_wheel_is_a_body_in_every_row() -> None:
