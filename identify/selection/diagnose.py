@@ -18,6 +18,7 @@ import numpy as np
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress, Stage, Step, silent
+from lacet.identify.properties.known_scale import KnownScale
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.answers import answered
 from lacet.identify.selection.candidate import Answer, Candidate, Confounded, Reason, judged
@@ -85,6 +86,7 @@ class Grounds:
     tolerances : sensor tolerances that the runs need.
     tolerance_exceeded : whether the sheet would have to be wrong, and no other test makes a cause unlisted.
     not_constant : candidate → Chow test that rejects that its parameters are the same in all runs.
+    scale : where the sheet would have to be wrong and no run measures wheel loads: how well the scale is known.
     """
 
     ratios: Mapping[Row, float]
@@ -92,6 +94,7 @@ class Grounds:
     tolerances: ToleranceUse
     tolerance_exceeded: bool
     not_constant: Mapping[str, ParameterConstancy]
+    scale: KnownScale | None = None
 
 
 @dataclass(frozen=True)
@@ -344,7 +347,8 @@ def _concluded(
         failing = list(unlisted) or _worst(runs.row_ratios(floor))
         # Laws that change from run to run are in the last fit, and not in the car.
         formulas = propose(first if not_constant else joint.space, failing)
-    grounds = Grounds(rest.lack.ratios, rest.forces, rest.sheet, exceeded, not_constant)
+    scale = runs.scale() if exceeded else None
+    grounds = Grounds(rest.lack.ratios, rest.forces, rest.sheet, exceeded, not_constant, scale)
     verdict = Verdict.MISSING if found else Verdict.NOTHING
     if not found and (unlisted or exceeded or not_constant or of_tables):
         verdict = Verdict.UNLISTED

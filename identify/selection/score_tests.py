@@ -298,9 +298,11 @@ class ScoreTests:
         """Candidate that never acts on these runs, with what these lack, or that the model explains completely."""
         places = [trial.place for trial in self.layout.trials if trial.effect.key == effect.key]
         found = Candidate(effect.key, {}, Answer.NOT_TESTABLE, Reason.NEVER_ACTS)
-        if any(np.any(np.diag(self.sums.total)[place]) for place in places):
-            return replace(found, reason=Reason.IN_THE_MODEL)
+        energies = [np.diag(self.sums.total)[place] for place in places]
         lacks = self.linearisation.runs.absent(effect)
+        # A parameter that acts in none of the rows, as a yaw moment without wheel loads, is not in the model.
+        if any(np.all(own) or (lacks is None and np.any(own)) for own in energies):
+            return replace(found, reason=Reason.IN_THE_MODEL)
         if lacks is None:
             return found
         return replace(found, reason=Reason.NOT_RECORDED if effect.as_fault else Reason.ROWS_ABSENT, lacks=lacks)

@@ -174,6 +174,9 @@ class CampaignRanking:
         del effect
         return None
 
+    def scale(self) -> None:
+        """None: the runs are elsewhere."""
+
     def products(
         self, floor: NoiseFloor, layout: Layout, prior_stiffening: float, drifts: Mapping[str, float], seed: int,
         extent: Extent = Extent.ALL,

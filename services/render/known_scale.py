@@ -23,17 +23,25 @@ def weak_scale(result: Mapping[str, Any]) -> str:
     return str(scale["says"]) if scale and scale["weak"] else ""
 
 
+def weak_because(scale: KnownScale) -> str:
+    """Why a scale is weak."""
+    known = " and ".join(scale.known)
+    if not scale.related:
+        return f"these runs do not relate any parameter to {known}"
+    return f"noise and what else is assumed may be {_part(scale)} of what {known} does in these runs"
+
+
+def _part(scale: KnownScale) -> str:
+    return f"{100.0 * min(1.0, scale.disturbed):.2g} %"
+
+
 def _says(scale: KnownScale) -> str:
     known = " and ".join(scale.known)
-    part = f"{100.0 * min(1.0, scale.disturbed):.2g} %"
     if not scale.weak:
-        return f"{known} sets the scale of all values; noise and what else is assumed make about {part} of it"
+        return f"{known} sets the scale of all values; noise and what else is assumed make about {_part(scale)} of it"
     others = "" if "sprung_mass" in scale.known else ", or give sprung_mass"
-    why = f"noise and what else is assumed may be {part} of what {known} does in these runs"
-    if not scale.related:
-        why = f"these runs do not relate any parameter to {known}"
     return (
-        f"the scale of all values, sizes of effects included, is hardly known: {why}. All may be too small by one "
-        "common factor; their ratios do not depend on it. Add a run that moves the car more, as on a rough road"
-        f"{others}"
+        f"the scale of all values, sizes of effects included, is hardly known: {weak_because(scale)}. "
+        "All may be too small by one common factor; their ratios do not depend on it. Add a run that moves the car "
+        f"more, as on a rough road{others}"
     )

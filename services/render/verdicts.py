@@ -18,6 +18,7 @@ from lacet.identify.selection.settings import SELECTION
 from lacet.services.render import tables
 from lacet.services.render.effect_text import needed, not_measured
 from lacet.services.render.intervals import with_interval
+from lacet.services.render.known_scale import weak_because
 from lacet.services.render.row_needs import shortened
 from lacet.services.render.shape_constants import constants_text
 
@@ -397,11 +398,16 @@ def _unlisted(d: Diagnosis) -> str:
 
 def _tolerance_exceeded(grounds: Grounds) -> str:
     use = grounds.tolerances
+    either = "Either several instruments are off (calibrate them, or write their true tolerances into the rig file)"
+    if any(name.startswith("assumed ") for name in use.sizes):
+        either += ", or what is assumed of the car is (state it better in the vehicle file)"
+    scale = grounds.scale
+    if scale is not None and scale.weak:
+        either += f", or it is the scale, which is hardly known ({weak_because(scale)}), nor then these tolerances"
     return (
         f"The model fits these runs only if the sensor sheet is wrong (in tolerances: {_off(use.sizes)}). "
         f"The squares of all but latencies sum to {use.squares:.0f}, in simulated runs that lack nothing to "
-        f"{np.mean(use.null):.0f} and never above {np.max(use.null):.0f}. Either several instruments are off "
-        f"(calibrate them, or write their true tolerances into the rig file), or the cause is not listed."
+        f"{np.mean(use.null):.0f} and never above {np.max(use.null):.0f}. {either}, or the cause is not listed."
     )
 
 

@@ -13,6 +13,7 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress
+from lacet.identify.properties.known_scale import KnownScale, known_scale
 from lacet.identify.regression.prepared_run import Unmeasured
 from lacet.identify.regression.sums.linear_fit import FittedModel
 from lacet.identify.regression.tolerances import SheetEntry
@@ -22,7 +23,7 @@ from lacet.identify.selection.columns.layout import Layout
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise
 from lacet.identify.selection.columns.weighted_columns import Weighting
 from lacet.identify.validation.noise_floor import NoiseFloor
-from lacet.identify.validation.parameter_estimates import rows_absent
+from lacet.identify.validation.parameter_estimates import estimates, rows_absent
 
 
 class RankedRuns(Protocol):
@@ -94,6 +95,10 @@ class RankedRuns(Protocol):
 
         None as well where the runs are not at hand.
         """
+        ...
+
+    def scale(self) -> KnownScale | None:
+        """How well the scale of the fit is known; None where a run measures wheel loads, or is not at hand."""
         ...
 
     def products(
@@ -191,14 +196,22 @@ class LocalRuns:
         return {key: lack for key, lack in lacks if lack is not None}
 
     def absent(self, effect: Effect) -> Unmeasured | None:
-        """Channels lacking for a row that an effect acts on, or of a sensor fault its own; None where any are there."""
+        """Channels lacking for a row that an effect acts on, or of a sensor fault its own; None where any are there.
+
+        Also where one of its parameters acts in rows alone that no run has.
+        """
         runs, fault = self.fit.runs, effect.as_fault
         if fault is not None:
             there = any(fault.changes(run.recording) for run in runs)
             return None if there else Unmeasured(runs[0].name, fault.channels())
-        found = rows_absent(runs, effect)
+        asked = [None, *range(len(effect.parameters))]
+        found = next((one for own in asked if (one := rows_absent(runs, effect, own)) is not None), None)
         absence = None if found is None else found.absence
         return None if absence is None else Unmeasured(runs[0].name, absence.fewest)
+
+    def scale(self) -> KnownScale | None:
+        """How well the scale of the fit is known; None where a run measures wheel loads."""
+        return known_scale(self.fit, estimates(self.fit, None, self.fit.runs))
 
     def products(
         self, floor: NoiseFloor, layout: Layout, prior_stiffening: float, drifts: Mapping[str, float], seed: int,

@@ -340,14 +340,14 @@ def test_what_is_impossible_is_named() -> None:
 
 
 def test_what_cannot_be_tested_says_what_the_runs_lack() -> None:
-    """A tyre's damping one ground laser, cross-talk the dynamometers; side force, which acts in roll, is tested."""
+    """A tyre's damping one ground laser, cross-talk and an air force with a moment in yaw the dynamometers."""
     known = catalogue(with_mass(), "contact")
     candidates = [known[key] for key in ("tyre_damping.front", "sensor_crosstalk.all.zx", "aero_side")]
     tests = ScoreTests.of(Linearisation.of(found(), floor_of(found(), 20)), candidates, 0)
     words = {c.key: short_reason(c) for c in tests.try_all()}
     assert words["tyre_damping.front"] == "needs: laser.fl.ground"
     assert words["sensor_crosstalk.all.zx"] == "these runs have none of its channels"
-    assert not words["aero_side"].startswith(("needs", "these"))
+    assert words["aero_side"] == "needs: wheel.*.force"
     (damping,) = (c for c in tests.try_all() if c.key == "tyre_damping.front")
     assert "form no row that it acts on; its first needs: laser.fl.ground" in reason_text(damping, candidates[0], 20)
 

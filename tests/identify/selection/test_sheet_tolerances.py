@@ -9,6 +9,7 @@ import pytest
 import scipy
 
 from lacet.identify.effects.base import Effect
+from lacet.identify.properties.known_scale import KnownScale
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.diagnose import diagnose
@@ -110,6 +111,16 @@ def test_a_sheet_that_is_wrong_in_many_places_is_no_fault_of_one(floor: NoiseFlo
     assert "only if the sensor sheet is wrong" in says(found)
     assert "gain of wheel." in says(found)
     assert "None" not in says(found)
+    assert not any(word in says(found) for word in ("the scale", "what is assumed"))
+
+
+def test_where_the_scale_is_hardly_known_the_sheet_need_not_be_wrong(
+    floor: NoiseFloor, many_off: Fit, monkeypatch: pytest.MonkeyPatch
+):
+    weak = KnownScale(("spring_rate.front",), 0.01, related=False)
+    monkeypatch.setattr("lacet.identify.selection.columns.ranked_runs.known_scale", lambda *_: weak)
+    text = says(diagnose(many_off, floor, TRIED[:1]))
+    assert "or it is the scale, which is hardly known (these runs do not relate any parameter to spring_rate.fr" in text
 
 
 def test_where_no_row_fails_laws_are_sought_in_the_rows_that_tolerances_hide(
