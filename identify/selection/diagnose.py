@@ -341,7 +341,9 @@ def _concluded(
     of_tables: Sequence[Candidate] = ()
     if judged_rest and lacking.axles:
         axles = axles_without_tables(joint.effects, runs.vehicle)
-        found, of_tables = with_sizes_beside(found, beside_tables(joint.space, axles, seed, progress))
+        # Sizes are those of the fit with the laws that describe an unlisted rest.
+        space = known.beside.space if known else joint.space
+        found, of_tables = with_sizes_beside(found, beside_tables(space, axles, seed, progress))
         found = with_open_sizes(found, joint.effects, lacking.unlisted)
     acting = frozenset[Row]().union(*(c.rows for c in found)) if found else frozenset[Row]()
     own = [row for row in now.above if row in acting] or list(now.above)

@@ -47,6 +47,20 @@ def test_friction_is_found_beside_damping_that_is_not_listed(lacks_both: Fit, fl
     assert found.after.formulas == found.formulas
 
 
+def test_beside_an_unknown_table_a_size_is_of_the_fit_with_the_laws_that_describe_the_rest(
+    lacks_both: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch
+):
+    """At another axle than that of the table, where something unlisted would leave it open."""
+    place, spaces = "lacet.identify.selection", list[ScoreTests]()
+    for module in ("diagnose", "joint.unknown_tables"):
+        monkeypatch.setattr(f"{place}.{module}.axles_without_tables", lambda *_: ("rear",))
+    monkeypatch.setattr(f"{place}.diagnose.beside_tables", lambda space, *_: spaces.append(space) or {})
+    found = diagnose(lacks_both, floor, CANDIDATES)
+    values = {q.name: spaces[0].fitted.value(q.name) for q in KNOWN["coulomb.front"].parameters}
+    assert list(values.values()) == pytest.approx([FRICTION], abs=20.0)
+    assert found.found[0].values == pytest.approx(tuple(values.values()))
+
+
 def test_what_acts_in_one_run_only_is_no_name_beside_a_description(lacks_both: Fit, floor: NoiseFloor):
     """It may be a part of what is not described; the same law of all runs is found above."""
     friction = KNOWN["coulomb.front"]
