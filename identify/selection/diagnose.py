@@ -224,16 +224,17 @@ def _of_another_start(joint: Joint, rest: Rest, seed: int, progress: Progress) -
 
     A sensor fault may be among what is missing. Or the sheet's tolerances, far off, do much of what is missing: they
     predict it in cross-validation as well as its cause does, and a search begins with another effect or none. So others
-    begin with effects that are significant. They do so as well where no wheel load is measured and something unlisted
-    remains: all sizes of a model that lacks a stiff law in roll may be near zero there, with a centre of gravity on the
-    ground, and what is significant beside that is not what is missing.
+    begin with effects that are significant. They do so as well where something unlisted remains and the scale of the
+    fit is weak: without wheel loads a model that lacks a stiff law in roll may have all sizes near zero and the centre
+    of gravity on the ground, and what is significant beside that is not what is missing.
     """
     if joint.base is None:
         return joint, rest
-    without_loads = bool(rest.unlisted) and all(row.combined for row in rest.lack.ratios)
-    if not without_loads and (rest.unlisted or not rest.sheet.tolerance_exceeded):
+    scale = joint.first.linearisation.runs.scale() if rest.unlisted else None
+    weak = scale is not None and scale.weak
+    if not weak and (rest.unlisted or not rest.sheet.tolerance_exceeded):
         return joint, rest
-    faults = () if without_loads else with_a_fault(joint, seed, progress)
+    faults = () if weak else with_a_fault(joint, seed, progress)
     others = (started_with(joint, effect, seed, progress) for effect in starts(joint))
     for other in chain(faults, others):
         if other.effects:

@@ -44,7 +44,7 @@ class SelectionSettings:
     """Fits with all effects found so far, each with a new noise floor and search, and steps that improve the effects of
     one of them [count]. Source: processor time."""
     most_starts: int = 3
-    """Searches in all, where with what is found the sheet would have to be wrong, or without wheel loads something
+    """Searches in all, where with what is found the sheet would have to be wrong, or beside a weak scale something
     unlisted remains, each of the others beginning with another significant effect [count]. Source: processor time."""
     least_gain: float = 0.01
     """Part of the weighted residual of the rows a candidate acts on, or of one of them, that it must take away [share].

@@ -62,6 +62,16 @@ def test_where_no_parameter_is_determined_the_scale_is_unknown(right: dict[str, 
     assert "do not relate any parameter to damper_rate.rear" in weak_scale({"known_scale": scale_result(scale)})
 
 
+def test_static_loads_alone_relate_nothing_to_a_known_mass() -> None:
+    """They follow from the weight, however wrong springs are."""
+    every = estimates(found(), None, found().runs)
+    static = [e for e in every if e.name.startswith("offset.") and e.identifiable]
+    assert any(e.half_sheet <= WIDE * abs(e.value) for e in static)
+    scale = known_scale(found(), static)
+    assert scale is not None
+    assert scale.weak
+
+
 def test_measured_wheel_loads_are_the_scale(fitted: Fit) -> None:
     assert known_scale(fitted, []) is None
     assert scale_result(None) is None

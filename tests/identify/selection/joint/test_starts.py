@@ -7,9 +7,9 @@ from typing import cast
 
 import pytest
 
-from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import silent
+from lacet.identify.properties.known_scale import KnownScale
 from lacet.identify.selection.diagnose import _of_another_start
 from lacet.identify.selection.joint.refits import Joint
 from lacet.identify.selection.rest import Rest
@@ -20,23 +20,22 @@ FIRST, RIGHT = KNOWN["spring_quadratic.rear"], KNOWN["anti_roll_bar.rear"]
 
 
 @pytest.mark.parametrize(
-    ("rows", "unlisted", "searched"),
+    ("scale", "unlisted", "searched"),
     [
-        (("body.heave", "body.roll"), ("body.roll",), [FIRST.key, RIGHT.key]),
-        (("body.heave", "body.roll"), (), []),
-        (("body.roll", "suspension.fl"), ("body.roll",), []),
+        (KnownScale(("sprung_mass",), 0.01, related=False), ("body.roll",), [FIRST.key, RIGHT.key]),
+        (KnownScale(("sprung_mass",), 0.01, related=False), (), []),
+        (KnownScale(("sprung_mass",), 0.01, related=True), ("body.roll",), []),
+        (None, ("body.roll",), []),
     ],
-    ids=["without wheel loads", "nothing unlisted", "wheel loads"],
+    ids=["weak", "nothing unlisted", "strong", "wheel loads"],
 )
-def test_without_wheel_loads_others_begin_until_one_leaves_nothing_unlisted(
-    rows: tuple[str, ...], unlisted: tuple[str, ...], searched: list[str], monkeypatch: pytest.MonkeyPatch
+def test_beside_a_weak_scale_others_begin_until_one_leaves_nothing_unlisted(
+    scale: KnownScale | None, unlisted: tuple[str, ...], searched: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begun: list[str] = []
 
     def rest(names: tuple[str, ...]) -> Rest:
-        lack = SimpleNamespace(ratios={Row(row): 2.0 for row in rows})
-        sheet = SimpleNamespace(tolerance_exceeded=False)
-        return cast("Rest", SimpleNamespace(unlisted=names, sheet=sheet, lack=lack))
+        return cast("Rest", SimpleNamespace(unlisted=names, sheet=SimpleNamespace(tolerance_exceeded=False)))
 
     def started_with(joint: Joint, effect: Effect, *_: object) -> Joint:
         begun.append(effect.key)
@@ -48,7 +47,9 @@ def test_without_wheel_loads_others_begin_until_one_leaves_nothing_unlisted(
     monkeypatch.setattr(f"{PLACE}.starts", lambda _: [FIRST, RIGHT])
     monkeypatch.setattr(f"{PLACE}.started_with", started_with)
     monkeypatch.setattr(f"{PLACE}._settled", settled)
-    first = cast("Joint", SimpleNamespace(base=object(), effects=()))
+    runs = SimpleNamespace(scale=lambda: scale)
+    tests = SimpleNamespace(linearisation=SimpleNamespace(runs=runs))
+    first = cast("Joint", SimpleNamespace(base=object(), effects=(), first=tests))
     joint, remains = _of_another_start(first, rest(unlisted), 0, silent)
     assert begun == searched
     assert joint.effects == ((RIGHT,) if searched else ())
