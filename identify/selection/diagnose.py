@@ -8,7 +8,7 @@ model with them leaves is judged by one omnibus test, beside the names.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import chain
@@ -30,8 +30,10 @@ from lacet.identify.selection.joint.alternatives import Alternative, alternative
 from lacet.identify.selection.joint.inseparable import with_inseparable
 from lacet.identify.selection.joint.refits import (
     Joint,
+    less_a_part,
     not_part_of_the_rest,
     only_plausible,
+    with_all_tested,
 )
 from lacet.identify.selection.joint.rounds import (
     continued,
@@ -190,7 +192,13 @@ def diagnose_runs(
         return _concluded(runs, floor, joint, rest, _one(joint, progress), listed, seed, progress)
     if not rest.unlisted:
         found = [_as_found(joint, effect, draws=first.draws) for effect in joint.effects]
-        return _concluded(runs, floor, joint, rest, found, listed, seed, progress)
+        changing = _not_constant(joint, rest, found, progress)
+        constant, remains = _without_changing(joint, changing, seed, progress) if changing else (joint, rest)
+        if not remains.unlisted:
+            found = [c for c in found if c.key not in constant.parts or c.key in changing]
+            joint = replace(joint, parts=constant.parts)
+            return _concluded(runs, floor, joint, rest, found, listed, seed, progress, changing=changing)
+        joint, rest = constant, remains
     known = described(joint, rest, seed, progress)
     found = [_as_found(known.beside, effect, first.draws) for effect in known.beside.effects]
     return _concluded(runs, floor, known.joint, known.rest, found, listed, seed, progress, known)
@@ -217,6 +225,22 @@ def _settled(joint: Joint, seed: int, progress: Progress) -> tuple[Joint, Rest]:
     joint, rest = not_part_of_the_rest(possible, rest, seed, progress)
     standing = only_encompassing(joint, seed, progress) if rest.unlisted else joint
     return standing, rest if standing is joint else Rest.of(standing.space, standing.laws)
+
+
+def _without_changing(joint: Joint, keys: Collection[str], seed: int, progress: Progress) -> tuple[Joint, Rest]:
+    """The same without these effects, which change from run to run, and without others that may be parts of their
+    cause; and the rest.
+
+    Nothing that belongs to the car changes: they stand for something unlisted. Others in the same rows may do so as
+    well, and happen to change less. What remains without them counts there however small it is.
+    """
+    changing = [one for one in (*joint.laws, *joint.faults) if one.key in keys]
+    for one in changing:
+        joint = less_a_part(joint, one.key, seed, progress)
+    doubted = frozenset(row for one in changing for row in one.rows)
+    joint, rest = not_part_of_the_rest(*with_all_tested(joint, seed, progress, doubted), seed, progress)
+    joint = only_encompassing(joint, seed, progress) if rest.unlisted else joint
+    return joint, Rest.of(joint.space, joint.laws)
 
 
 def _of_another_start(joint: Joint, rest: Rest, seed: int, progress: Progress) -> tuple[Joint, Rest]:
@@ -311,14 +335,18 @@ def _confounded(joint: Joint, key: str) -> tuple[Confounded, ...]:
 def _concluded(
     runs: RankedRuns, floor: NoiseFloor, joint: Joint, rest: Rest, found: Sequence[Candidate],
     candidates: Mapping[str, Effect], seed: int, progress: Progress, known: Described | None = None,
+    changing: Mapping[str, ParameterConstancy] | None = None,
 ) -> Diagnosis:  # fmt: skip
     """The diagnosis of the effects found and the rest that they leave, of all `candidates`.
 
-    `known` : what is found beside laws that describe what is unlisted, where these were searched.
+    `known` : what is found beside laws that describe what is unlisted, where these were searched; `changing` : tests of
+    the effects that change from run to run, where this was tested.
     """
     first = joint.first
     now = first.residual_beside([])
-    not_constant = _not_constant(*((known.beside, known.beside_rest) if known else (joint, rest)), found, progress)
+    not_constant = changing
+    if not_constant is None:
+        not_constant = _not_constant(*((known.beside, known.beside_rest) if known else (joint, rest)), found, progress)
     found = [c for c in found if c.key not in not_constant]
     judged_rest = runs.refittable is not None or not found
     unlisted = rest.unlisted if judged_rest else ()

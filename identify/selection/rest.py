@@ -186,6 +186,7 @@ class Rest:
     forces : row → RMS of what remains above the floor [N or N·m], and the row's own RMS variation.
     unlisted : rows with a rest that matters, farthest above their floor first; `small` those whose rest is less than
         the user's effect size, or than the laws found may be inexact.
+    doubted : rows in which whatever remains counts, as effects that act there change from run to run.
     """
 
     lack: LackOfFit
@@ -193,10 +194,11 @@ class Rest:
     forces: Mapping[Row, tuple[float, float]]
     unlisted: tuple[Row, ...]
     small: tuple[Row, ...]
+    doubted: frozenset[Row] = frozenset()
 
     @classmethod
-    def of(cls, space: ScoreTests, laws: Sequence[AddedLaw] = ()) -> Rest:
-        """The rest of the model of `space`, in which are these `laws`."""
+    def of(cls, space: ScoreTests, laws: Sequence[AddedLaw] = (), doubted: frozenset[Row] = frozenset()) -> Rest:
+        """The rest of the model of `space`, in which are these `laws`; `doubted` : rows in which any counts."""
         lack = space.residual_beside([])
         variation, sigma = space.linearisation.runs.row_variations(), space.floor.sigma
         forces = {
@@ -206,14 +208,17 @@ class Rest:
         standing = [row for row in lack.above if lack.p[row] <= SELECTION.level(space.draws)]
         if standing and not excess_is_coloured(lack):  # louder sensors
             standing = []
+        standing += [row for row in doubted if lack.ratios.get(row, 1.0) > 1.0 and row not in standing]
         inexact = {row: sum(law.row_force.get(row, 0.0) for law in laws) for row in standing}
         small = [
             row for row in standing
-            if forces[row][0] < SELECTION.effect_size * forces[row][1]
-            or lack.squares[row] < SELECTION.law_inexactness**2 * inexact[row]
+            if row not in doubted and (
+                forces[row][0] < SELECTION.effect_size * forces[row][1]
+                or lack.squares[row] < SELECTION.law_inexactness**2 * inexact[row]
+            )
         ]  # fmt: skip
         unlisted = sorted((row for row in standing if row not in small), key=lambda row: -lack.ratios[row])
-        return cls(lack, space.tolerance_use(), forces, tuple(unlisted), tuple(small))
+        return cls(lack, space.tolerance_use(), forces, tuple(unlisted), tuple(small), doubted)
 
     def without_unlisted(self) -> list[Row]:
         """Rows in which the model holds: all but the unlisted ones.

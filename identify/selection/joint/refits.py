@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy
 
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
@@ -186,20 +187,22 @@ def not_part_of_the_rest(joint: Joint, rest: Rest, seed: int, progress: Progress
         if worst is None:
             break
         joint = less_a_part(joint, worst.key, seed, progress)
-        rest = Rest.of(joint.space, joint.laws)
-    return (joint, rest) if joint is before else tested_again(joint, seed, progress)
+        rest = Rest.of(joint.space, joint.laws, rest.doubted)
+    return (joint, rest) if joint is before else with_all_tested(joint, seed, progress, rest.doubted)
 
 
 def less_a_part(joint: Joint, key: str, seed: int, progress: Progress) -> Joint:
-    """The same less an effect that may be a part of an unlisted cause; `tested_again` tests the others beside it."""
+    """The same less an effect that may be a part of an unlisted cause; `with_all_tested` tests the others beside it."""
     joint = _dropping(replace(joint, parts=joint.parts | {key}), [key], progress)
     return beside_of(joint, _tests_of_some(joint, joint.fit, (), seed, progress), progress)
 
 
-def tested_again(joint: Joint, seed: int, progress: Progress) -> tuple[Joint, Rest]:
-    """The same with all other candidates tested beside its effects, and the rest of its model."""
+def with_all_tested(
+    joint: Joint, seed: int, progress: Progress, doubted: frozenset[Row] = frozenset()
+) -> tuple[Joint, Rest]:  # fmt: skip
+    """The same with all other candidates tested beside its effects, and the rest; `doubted` as of `Rest`."""
     joint = beside_of(joint, _tests_of(joint, joint.fit, (), seed, progress), progress)
-    return joint, Rest.of(joint.space, joint.laws)
+    return joint, Rest.of(joint.space, joint.laws, doubted)
 
 
 def _not_standing_elsewhere(joint: Joint, rest: Rest, tried: ScoreTests) -> set[str]:

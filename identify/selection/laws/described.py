@@ -16,7 +16,7 @@ from lacet.identify.selection.joint.refits import (
     not_part_of_the_rest,
     only_plausible,
     only_standing,
-    tested_again,
+    with_all_tested,
 )
 from lacet.identify.selection.joint.rounds import continued
 from lacet.identify.selection.laws.encompassing import only_encompassing
@@ -57,7 +57,7 @@ def described(joint: Joint, rest: Rest, seed: int, progress: Progress) -> Descri
     # Of an effect of one run nothing shows that it is the same again: it may be a part of what is not described.
     of_runs = {key for key, effect in joint.first.effects.items() if effect.is_of_run() and key not in joint.keys}
     again = replace(joint, base=base, dropped=frozenset(of_runs), parts=frozenset())
-    known, remaining = tested_again(again, seed, progress)
+    known, remaining = with_all_tested(again, seed, progress)
     hides = remaining.lack.excess(rest.unlisted)
     if rest.excess - hides <= hides:  # the laws describe no more than remains
         return before
@@ -67,7 +67,7 @@ def described(joint: Joint, rest: Rest, seed: int, progress: Progress) -> Descri
     )
     if set(found.keys) == set(joint.keys):
         return out
-    without, rest = tested_again(on_base_of(joint, found), seed, progress)
+    without, rest = with_all_tested(on_base_of(joint, found), seed, progress)
     return replace(out, joint=without, rest=rest)
 
 

@@ -24,7 +24,7 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.selection.columns.candidate_columns import solved
 from lacet.identify.selection.columns.cross_products import Extent
-from lacet.identify.selection.joint.refits import Joint, less_a_part, tested_again
+from lacet.identify.selection.joint.refits import Joint, less_a_part, with_all_tested
 from lacet.identify.selection.laws.formulas import laws_at
 from lacet.identify.selection.laws.search import null_products, without_noise
 from lacet.identify.selection.laws.settings import LAWS
@@ -57,7 +57,7 @@ def only_encompassing(joint: Joint, seed: int, progress: Progress = silent) -> J
         weakest = min(failing, key=lambda law: law.force)
         joint = less_a_part(joint, weakest.key, seed, progress)
         doubted = {law.key for law in failing} - {weakest.key}
-    return joint if joint is before else tested_again(joint, seed, progress)[0]
+    return joint if joint is before else with_all_tested(joint, seed, progress)[0]
 
 
 def encompasses(

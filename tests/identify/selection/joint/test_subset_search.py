@@ -19,7 +19,7 @@ from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.candidate import Answer, Candidate, Reason
 from lacet.identify.selection.chow_test import ParameterConstancy
 from lacet.identify.selection.columns.linearisation import Linearisation
-from lacet.identify.selection.diagnose import _as_found, _concluded, _not_constant, diagnose
+from lacet.identify.selection.diagnose import _as_found, _concluded, _not_constant, _without_changing, diagnose
 from lacet.identify.selection.joint.alternatives import alternatives, confidence_set
 from lacet.identify.selection.joint.refits import (
     Joint,
@@ -27,6 +27,7 @@ from lacet.identify.selection.joint.refits import (
     _tests_of_some,
     beside_of,
     fitted_with,
+    less_a_part,
     not_part_of_the_rest,
     only_plausible,
     only_standing,
@@ -282,6 +283,41 @@ def test_a_fault_that_explains_no_more_than_is_unlisted_in_its_main_row_is_no_na
         lack = replace(rest.lack, squares={**rest.lack.squares, row: much * own.force})
         found, _ = not_part_of_the_rest(joint, replace(rest, lack=lack, unlisted=(row,)), 0)
         assert set(found.keys) == names
+
+
+@pytest.mark.parametrize("effect_size", [SELECTION.effect_size, 10.0])
+def test_beside_a_law_that_changes_weaker_ones_of_its_rows_are_no_names(
+    subset: Joint, monkeypatch: pytest.MonkeyPatch, effect_size: float
+):
+    """They may stand for the same unlisted cause, and happen to change less; however small that is."""
+    for room in ("rest", "settings"):
+        monkeypatch.setattr(f"lacet.identify.selection.{room}.SELECTION", replace(SELECTION, effect_size=effect_size))
+    bar, damper = (next(law for law in subset.laws if law.key == effect.key) for effect in LAWS)
+    assert bar.rows == damper.rows
+    assert 2.0 * damper.force < bar.force
+    found, rest = _without_changing(subset, [bar.key], 0, silent)
+    assert found.keys == (STOP.key,)
+    assert found.parts == {bar.key, damper.key}
+    assert bool(rest.unlisted) == (effect_size < 1.0)
+    found, rest = _without_changing(subset, [STOP.key], 0, silent)
+    assert set(found.keys) == {bar.key, damper.key}
+    without = less_a_part(subset, bar.key, 0, silent)
+    found, rest = not_part_of_the_rest(without, Rest.of(without.space, without.laws, bar.rows), 0)
+    assert (damper.key in found.keys, rest.doubted, bar.rows <= {*rest.unlisted}) == (False, bar.rows, True)
+
+
+def test_where_nothing_else_is_unlisted_what_changes_is_said_and_weaker_laws_may_be_parts_of_it(
+    fitted: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch
+):
+    bar, damper = (effect.key for effect in LAWS)
+    runs = ParameterConstancy({"a": np.ones(1)}, {"a": np.ones(1)}, 1.0, 2.0, np.zeros(99), {})
+    for room in ("rest", "settings"):
+        monkeypatch.setattr(f"lacet.identify.selection.{room}.SELECTION", replace(SELECTION, effect_size=10.0))
+    monkeypatch.setattr("lacet.identify.selection.diagnose._not_constant", lambda *_: {bar: runs})
+    said = diagnose(fitted, floor, [KNOWN[key] for key in KEYS])
+    assert {c.key for c in said.found} == {STOP.key}
+    assert {*said.grounds.not_constant} == {bar}
+    assert damper in {c.key for c in said.candidates if c.answer is Answer.UNDECIDED}
 
 
 @pytest.mark.parametrize(("spread", "constant"), [(0.15, True), (0.25, False)])
