@@ -27,7 +27,7 @@ class KnownScale:
 
     `known` : names of the given assumptions that set the scale. `disturbed` : what noise and one tolerance of all else
     that is assumed make of the left sides, as a part of their squares about each run's mean, each row ÷ its noise.
-    `related` : whether the runs determine any parameter of motion beside it to a part of its value, `WIDE`.
+    `related` : whether the runs determine any spring or damper beside it to a part of its value, `WIDE`.
     """
 
     known: tuple[str, ...]
@@ -56,9 +56,10 @@ def known_scale(fitted: Fit, found: Sequence[Estimate]) -> KnownScale | None:
             side, noise = run.measured[row], fitted.sigma[row] ** 2
             known += side.size * float(np.var(side)) / noise
             off += side.size * (1.0 + moved.get(row, 0.0) / noise)
-    # A product of inertia is identified where it is near 0 for certain, whatever the scale; a static load, by weight.
-    moving = [e for e in found if not e.name.startswith("offset.")]
-    related = any(e.identifiable and e.half_sheet <= WIDE * abs(e.value) for e in moving)
+    # Inertias and static loads follow from the known mass even in a fit whose springs are near 0: of a model that lacks
+    # a stiff law in roll it may be the best.
+    suspensions = [e for e in found if e.effect.partition(".")[0] in ("spring", "damper")]
+    related = any(e.identifiable and e.half_sheet <= WIDE * abs(e.value) for e in suspensions)
     return KnownScale(tuple(given), off / known if known else np.inf, related)
 
 

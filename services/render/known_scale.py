@@ -27,7 +27,7 @@ def weak_because(scale: KnownScale) -> str:
     """Why a scale is weak."""
     known = " and ".join(scale.known)
     if not scale.related:
-        return f"these runs do not relate any parameter to {known}"
+        return f"these runs do not relate any spring or damper to {known}"
     return f"noise and what else is assumed may be {_part(scale)} of what {known} does in these runs"
 
 

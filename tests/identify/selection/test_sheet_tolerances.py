@@ -120,7 +120,10 @@ def test_where_the_scale_is_hardly_known_the_sheet_need_not_be_wrong(
     weak = KnownScale(("spring_rate.front",), 0.01, related=False)
     monkeypatch.setattr("lacet.identify.selection.columns.ranked_runs.known_scale", lambda *_: weak)
     text = says(diagnose(many_off, floor, TRIED[:1]))
-    assert "or it is the scale, which is hardly known (these runs do not relate any parameter to spring_rate.fr" in text
+    assert (
+        "or it is the scale, which is hardly known (these runs do not relate any spring or damper to spring_rate.fr"
+        in text
+    )
 
 
 def test_where_no_row_fails_laws_are_sought_in_the_rows_that_tolerances_hide(
