@@ -1,13 +1,14 @@
 """What a verdict has of what was hidden: names, sizes, and the error on the run held out.
 
 A key names an effect at an axle when it is of one of the law's families and at that axle, or when such keys at both of
-its corners do. An effect tied with a key in print counts as that key's name, where nothing else names it.
+its corners do. An effect tied with a key in print counts as that key's name, where nothing else names it. Laws of one
+family of which only the sum is known are printed as one name: none of them is wrong where one of them is hidden.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -96,7 +97,16 @@ def listed(record: Record) -> list[Record]:
 def scored(record: Record) -> Score:
     """The score of a trial's record, listed parts alone."""
     verdict = record["verdict"]
-    return score(listed(record), verdict["effects"], verdict["ties"])
+    result = score(listed(record), verdict["effects"], verdict["ties"])
+    wrong = (key for key in result.wrong if not any(other in result.by for other in _summed_with(key, verdict)))
+    return replace(result, wrong=tuple(wrong))
+
+
+def _summed_with(key: str, verdict: Mapping[str, Any]) -> list[str]:
+    """Keys of the family of an effect that is known in a sum with them only: none has parameters of its own."""
+    family = [k for k in verdict["effects"] if k.partition(".")[0] == key.partition(".")[0]]
+    alone = verdict["parameters"]
+    return [] if key in alone else [other for other in family if other != key and other not in alone]
 
 
 def exact(record: Record) -> bool:

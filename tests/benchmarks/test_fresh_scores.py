@@ -75,6 +75,24 @@ def test_a_trial_is_exact_when_all_is_named_nothing_else_and_the_search_is_over(
     assert not scoring.exact(record("single", FRICTION, *keys, steps=[{"verdict": "missing", "best": "aero_drag"}]))
 
 
+@pytest.mark.parametrize(
+    ("hidden", "alone", "wrong"),
+    [
+        ("aero_lift.rear", [], ()),
+        ("aero_lift.rear", ["aero_lift.front"], ("aero_lift.front",)),
+        ("aero_lift.rear", ["aero_lift.rear"], ("aero_lift.front",)),
+        ("aero_drag", [], ("aero_lift.front", "aero_lift.rear")),
+    ],
+)
+def test_a_sum_of_laws_is_one_name(hidden: str, alone: list[str], wrong: tuple[str, ...]) -> None:
+    """Only what is known alone has parameters of its own."""
+    keys, hides = ("aero_lift.front", "aero_lift.rear"), [part(hidden, hidden.partition(".")[0])]
+    own = {key: {f"{key}.l": [0.3, 0.1]} for key in alone}
+    found = record("single", hides, *keys, parameters=own)
+    assert scoring.scored(found).wrong == wrong
+    assert scoring.exact(found) == (not wrong)
+
+
 def test_unlisted_causes_and_nulls() -> None:
     trailer = part("trailer")
     assert scoring.declared(record("unlisted", [trailer], unlisted=True))
