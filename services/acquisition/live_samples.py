@@ -55,8 +55,11 @@ class LiveSamples:
         self._sought = False
 
     def blocks(self, from_ns: int = 0, to_ns: int = EVER) -> dict[str, Block]:
-        """Channel → its samples in the order of their blocks, without blocks that end before or begin after [ns]."""
-        found = {name: channel.read(from_ns, to_ns) for name, channel in self._channels.items()}
+        """Channel → its samples in the order of their blocks, without blocks that end before or begin after [ns].
+
+        The channels are in the order of their names, as those of a log: a fit draws their noise in this order.
+        """
+        found = {name: channel.read(from_ns, to_ns) for name, channel in sorted(self._channels.items())}
         return {name: block for name, block in found.items() if block is not None}
 
     def forget(self, before_ns: int) -> None:

@@ -107,7 +107,11 @@ def run(args: argparse.Namespace) -> int:
                     if args.once and follower.over and found is None:
                         # Markers and losses that came after the last second was fitted belong to it.
                         last = follower.state()
-                        stop.set()
+                        break
+                # With its recorder the router has gone, too.
+                while not stop.is_set() and (found := follower.turn(0.0)) is not None:
+                    last = found
+                    shown.show(found)
             finally:
                 session.close()
             if args.once and last is not None:

@@ -8,11 +8,12 @@ from pathlib import Path
 
 from lacet.daq.bus.certificates import Role
 from lacet.daq.bus.credentials import check_endpoint
+from lacet.daq.bus.session import ROUTER
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, write_result
 from lacet.daq.parts import require
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS, LEAST_DRAWS
-from lacet.services.commands.bus_options import add_keys, credentials_of
+from lacet.services.commands.bus_options import add_keys, credentials_of, router_of
 
 HELP = "open the workbench: a local page to compare, add effects, and see the error fall"
 DESCRIPTION = """\
@@ -24,7 +25,7 @@ with the other commands at any time.
   lacet ui                                  a new study in ./study, or the one that is there
   lacet ui DIR                              the study in DIR; a new one when there is none
   lacet ui DIR --open                       and open the browser
-  lacet ui DIR --connect tls/10.0.0.7:7447 --keys keys/lab   show the car live while it is recorded (lacet keys)
+  lacet ui DIR --connect tls/10.0.0.7:7447 --keys keys/lab   the car live that another computer records (lacet keys)
   lacet ui DIR --host 0.0.0.0               for other machines
 
 It listens on loopback only by default, and loads nothing from elsewhere. The address printed holds a token, without
@@ -44,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--no-token", action="store_true", help="anyone on this machine may open the page (loopback only)"
     )
     parser.add_argument("--open", action="store_true", help="open the browser")
-    parser.add_argument("--connect", metavar="ENDPOINT", help="the recorder's router, to show the car live")
+    parser.add_argument("--connect", metavar="ENDPOINT", help=f"the recorder's router (default {ROUTER})")
     add_keys(parser, Role.WORKER)
     parser.add_argument(
         "--most-upload", metavar="GB", type=float, default=4.0, help="largest file taken from the page (default 4 GB)"
@@ -68,8 +69,8 @@ def run(args: argparse.Namespace) -> int:
     if args.study.exists() and not args.study.is_dir():
         raise UsageError(f"{args.study} is a file: name a folder")
     credentials = credentials_of(args, Role.WORKER)
-    if args.connect:
-        check_endpoint(args.connect, credentials)
+    args.connect = args.connect or router_of(credentials)
+    check_endpoint(args.connect, credentials)
     require("ui")
     # Imported here, so that the other commands start without it.
     server = importlib.import_module("lacet.services.workbench.server")

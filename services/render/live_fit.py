@@ -50,6 +50,8 @@ def state_line(found: Mapping[str, Any]) -> str:
     if found["why"]:
         return str(found["why"])
     how = "from scratch" if found["from_scratch"] else f"sums since {found['since']:.0f} s"
+    if found["from_scratch"] and not found["recording"]:
+        how = f"from scratch, as lacet identify --to {found['seconds']:.0f}"
     many = len(found["parameters"])
     text = f"{found['seconds']:.0f} s fitted ({how}), {found['behind']:.1f} s behind; "
     failing = [row["row"] for row in found["rows"] if row["fails"]]

@@ -8,6 +8,7 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,9 @@ from lacet.daq.formats.result import plain
 from lacet.daq.formats.wire import StartRecord, WireError, block_from_bytes, start_from_bytes
 from lacet.daq.rig import Rig
 from lacet.services.acquisition.live_samples import marks_set, sensor_states
+from lacet.services.render.live_page import channel_state, first_steps
 from lacet.services.workbench.events import Events
+from lacet.services.workbench.help_pages import CAPTURES
 from lacet.services.workbench.live_curves import LiveCurve
 from lacet.services.workbench.packed_arrays import packed
 
@@ -84,7 +87,10 @@ class Live:
                 {
                     "connected": self._connected, "endpoint": self.endpoint, "why": self._why,
                     "run": self._run or None, "rig": self._car or None, "recording": recording, **self._about,
-                    "channels": [self._channel(name, heard, now) for name, heard in sorted(self._heard.items())],
+                    "channels": [
+                        self._channel(name, heard, now, recording) for name, heard in sorted(self._heard.items())
+                    ],
+                    "steps": [] if self._run else first_steps(self.endpoint, _example(), self._why),
                     "losses": self._ledger.get("losses", {}), "down": self._ledger.get("down", []),
                     "seconds": self._ledger.get("seconds"), "sensors": sensor_states(self._ledger),
                     "marks": marks_set(self._ledger, int(self._about.get("started_ns") or 0)),
@@ -123,14 +129,17 @@ class Live:
             raise UsageError("the recorder did not answer: the run is over, or its link is cut; set the marker again")
         return found[0]
 
-    def _channel(self, name: str, heard: _Heard, now: float) -> dict[str, Any]:
+    def _channel(self, name: str, heard: _Heard, now: float, recording: bool) -> dict[str, Any]:
         about = CHANNELS.get(name)
         span = 1e-9 * (heard.blocks[-1][0] - heard.blocks[0][0]) if len(heard.blocks) > 1 else 0.0
         counted = sum(n for _, n, _ in list(heard.blocks)[1:])
+        rate = counted / span if span > 0.0 else None
+        expected = about.rate if about else None
+        age = now - heard.at if heard.samples else None
         return {
-            "name": name, "unit": about.unit if about else "", "rate": counted / span if span > 0.0 else None,
-            "expected": about.rate if about else None, "age": now - heard.at if heard.samples else None,
+            "name": name, "unit": about.unit if about else "", "rate": rate, "expected": expected, "age": age,
             "samples": heard.samples, "flagged": heard.flagged, "losses": heard.missed,
+            "state": channel_state(age, rate, expected, heard.flagged, heard.missed, recording),
         }  # fmt: skip
 
     # -- the thread ---------------------------------------------------------------------------------------------------
@@ -218,6 +227,12 @@ class Live:
         heard.blocks.append((end, len(block), flagged))
         while heard.blocks and end - heard.blocks[0][0] > WINDOW * 1e9:
             heard.blocks.popleft()
+
+
+def _example() -> Path | None:
+    """A capture that can be played; None in an installation without."""
+    found = CAPTURES / "sinus.mcap"
+    return found if found.is_file() else None
 
 
 def _promised(start: StartRecord) -> list[str]:

@@ -2,7 +2,8 @@
 
 As long as a fit from scratch takes no longer than `QUICK`, each second has one: what ``lacet identify --to`` gives for
 the same seconds. Later the sums of the last such fit go on (`RecursiveFit`), for which a second costs the same however
-long the run is; and a fit from scratch is made beside them when the run has grown by `GROWTH`, up to `LONGEST`.
+long the run is; and a fit from scratch is made beside them when the run has grown by `GROWTH`, up to `LONGEST`. A run
+that is over is fitted from scratch once more (`LiveFit.whole`).
 """
 
 from __future__ import annotations
@@ -209,6 +210,18 @@ class LiveFit:
             float(seconds), False, going.seconds, estimates(fitted, None, (going.overview,)),
             seconds_needed(fitted, self._target, float(seconds)), levels, time.process_time() - begun,
         )  # fmt: skip
+
+    def whole(self, samples: LiveSamples, seconds: int) -> LiveResult | None:
+        """The fit from scratch of a run that is over: what ``lacet identify --to`` gives for `seconds` of its log.
+
+        None where the run is longer than `LONGEST`. Raises LacetError where nothing can be fitted.
+        """
+        if seconds > LONGEST or samples.full:
+            return None
+        begun = time.process_time()
+        # Clocks are fitted to all samples there are, as those of the log.
+        base = self._from_scratch(samples.blocks(), seconds)
+        return self._first_result(base, time.process_time() - begun)
 
     def _take_beside(self) -> None:
         """Go on with the fit from scratch that was made beside the sums; with the last one if there is none."""

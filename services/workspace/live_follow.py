@@ -57,6 +57,7 @@ class LiveFollower:
         self._fit: LiveFit | None = None
         self._run = ""
         self._seconds = 0
+        self._finished = False
         self._heard = 0.0
         self._result: LiveResult | None = None
         self._why = "no recording is heard yet"
@@ -64,7 +65,10 @@ class LiveFollower:
         """Whether a run was heard and its recorder is gone."""
 
     def turn(self, timeout: float) -> dict[str, Any] | None:
-        """Process what comes within `timeout` [s]; the state at the next whole second, None where there is none yet."""
+        """Process what comes within `timeout` [s]; the state at the next whole second, None where there is none yet.
+
+        Of a run that is over the last one is a fit from scratch (`LiveFit.whole`).
+        """
         message = self._listener.get(timeout)
         for _ in range(MESSAGES):
             if message is None:
@@ -85,8 +89,8 @@ class LiveFollower:
             return None
         seconds = self._fit.seconds_there(samples)
         if seconds <= self._seconds:
-            return None
-        self._seconds = seconds
+            return self._whole()
+        self._seconds, self._finished = seconds, False
         try:
             self._result, self._why = self._fit.update(samples, seconds), ""
         except LiveFitEnded as ended:
@@ -95,6 +99,20 @@ class LiveFollower:
             samples.drop()
         except LacetError as error:
             self._why = " ".join(str(error).split())[:300]
+        return self.state()
+
+    def _whole(self) -> dict[str, Any] | None:
+        """The state with the fit from scratch of a run that is over, once; None where it goes on or has no such fit."""
+        if not self.over or self._finished or self._fit is None or self._result is None:
+            return None
+        self._finished = True
+        try:
+            found = self._fit.whole(self.samples, self._seconds)
+        except LacetError:
+            return None  # what was known last stays
+        if found is None:
+            return None
+        self._result = found
         return self.state()
 
     def _begin(self) -> None:
@@ -120,8 +138,9 @@ class LiveFollower:
         }
         if found is not None:
             out |= fit_state(found)
-            # The newest sample heard, and the time that has gone by since.
-            out["behind"] = 1e-9 * (samples.latest_ns - begun) + time.monotonic() - self._heard - found.seconds
+            # The newest sample heard, and the time that has gone by since, in which others may have come.
+            waited = time.monotonic() - self._heard if samples.recording else 0.0
+            out["behind"] = 1e-9 * (samples.latest_ns - begun) + waited - found.seconds
         out["line"] = state_line(out)
         return dict(plain(out))
 

@@ -19,7 +19,7 @@ from fastapi.testclient import TestClient
 from lacet.daq.blocks import Block, Flag
 from lacet.daq.bus.listener import Message
 from lacet.daq.bus.publisher import RunPublisher
-from lacet.daq.bus.session import Keys, open_session
+from lacet.daq.bus.session import ROUTER, Keys, open_session
 from lacet.daq.bus.spool import Spool
 from lacet.daq.channels import CHANNELS
 from lacet.daq.formats.wire import StartRecord, block_to_bytes
@@ -62,6 +62,7 @@ def test_started_heard_and_ended(made: Path):
             assert stream.headers["content-type"].startswith("text/event-stream")
             lines = stream.iter_lines()
             assert news(lines, "hello") == {"pages": 1, "jobs": []}
+            assert client.get("/api/live").json()["endpoint"] == ROUTER  # where lacet record is by default
             number = client.post("/api/jobs", json={"do": "undo", "args": {}}).json()["id"]
             found = news(lines, "job")
             while found["state"] != "failed":
@@ -123,6 +124,8 @@ def test_the_live_car(tmp_path: Path):
             assert channel["rate"] == pytest.approx(100.0, rel=0.05)
             assert (channel["name"], channel["unit"], channel["expected"]) == ("imu.accel", "m/s²", 200.0)
             assert (channel["losses"], channel["flagged"]) == (0, 0)
+            assert (channel["state"]["text"], silent["state"]["text"]) == ("slow", "never heard")
+            assert found["steps"] == []
             assert channel["age"] < 10.0
             assert "did not answer" in client.post("/api/live/mark", json={"text": "x"}).json()["error"]
             publisher.on_mark = lambda text: {"text": text, "seconds": 4.0}
@@ -172,7 +175,9 @@ def test_without_a_recorder_it_says_so(tmp_path: Path):
     app = create_app(Settings(tmp_path / "new", connect=f"tcp/127.0.0.1:{free_port()}"))
     with TestClient(app, base_url=HERE) as client:
         until(lambda: client.get("/api/live").json()["why"])
-        assert client.get("/api/live").json()["connected"] is False
+        found = client.get("/api/live").json()
+        assert found["connected"] is False
+        assert [len(step["commands"]) for step in found["steps"]] == [1, 2, 2]
     with TestClient(create_app(Settings(tmp_path / "new")), base_url=HERE) as client:
         assert client.get("/api/live").json()["endpoint"] is None
 

@@ -64,7 +64,8 @@ class _Recording:
         self.take = take or self.samples.take
         for kind, payload in (("alive", b""), ("start", start_to_bytes(self.reader.start))):
             self.take(Message(KEYS, kind, "", 0, payload))
-        self._blocks = {name: list(_batches(block)) for name, block in self.reader.blocks().items()}
+        # In another order than a log's, as sensors are heard.
+        self._blocks = {name: list(_batches(block)) for name, block in reversed(self.reader.blocks().items())}
         self._given = dict.fromkeys(self._blocks, 0)
 
     def go_on(self, seconds: float) -> None:
@@ -223,6 +224,39 @@ def test_it_ends_with_a_line_before_the_disk_is_full(log: Path, monkeypatch: pyt
     assert follower.turn(0.0) is None
     assert follower.state()["line"] == last["line"]
     assert follower.samples.blocks() == {}
+
+
+def test_a_run_that_is_over_is_fitted_from_scratch_once_more(
+    log: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    """Where sums went on it is the fit of the run's log; a run that is too long keeps what was known."""
+    monkeypatch.setattr(live_follow, "MESSAGES", 1_000_000)
+    monkeypatch.setattr(live_fit, "QUICK", 0.0)
+    bus = _Bus()
+    car, follower = _Recording(log, bus.queue.append), LiveFollower(bus, model_of_study(None), 0.02)
+    for seconds in (9.06, 10.06):
+        car.go_on(seconds)
+        last = follower.turn(0.0)
+    assert last is not None
+    assert (last["from_scratch"], follower.turn(0.0)) == (False, None)
+    car.go_on(10.5)
+    car.take(Message(KEYS, "gone", "", 0, b""))
+    monkeypatch.setattr(live_fit, "LONGEST", 9.0)
+    assert follower.turn(0.0) is None
+    monkeypatch.undo()
+    follower._finished = False
+    found = follower.turn(0.0)
+    assert found is not None
+    assert (found["from_scratch"], found["recording"], found["seconds"]) == (True, False, 10.0)
+    assert "from scratch, as lacet identify --to 10" in found["line"]
+    assert found["behind"] < 1.0
+    assert follower.turn(0.0) is None
+    car.samples = follower.samples
+    values, _ = expected(car.written(tmp_path / "over.mcap"), 10)
+    for one in found["parameters"]:
+        value, half = values[one["name"]]
+        assert abs(one["value"] - value) < 1e-6 * half
+        assert one["half95_sheet"] == pytest.approx(half, rel=1e-6)
 
 
 def test_what_was_missed_is_asked_for(log: Path):

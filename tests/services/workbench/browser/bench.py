@@ -24,6 +24,8 @@ LONG = 180_000
 """Longest that a job may take on a busy machine [ms]."""
 PATIENCE = 60_000
 """Longest that the page may take to show something, on a busy machine [ms]."""
+NO_CAR = ("--connect", "tcp/127.0.0.1:9")
+"""Arguments of a server that hears no recording of this machine."""
 FLAGS = [
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync",
@@ -69,7 +71,7 @@ class Bench:
 
 
 @contextmanager
-def serving(folder: Path, cwd: Path, port: int = 0, more: Sequence[str] = ()) -> Iterator[Bench]:
+def serving(folder: Path, cwd: Path, port: int = 0, more: Sequence[str] = NO_CAR) -> Iterator[Bench]:
     """``lacet ui FOLDER`` on a port, 0 for any that is free, with `more` arguments, as a process of its own."""
     with commands() as running:
         server = Command("ui", folder, "--port", port, "--draws", DRAWS, *more, cwd=cwd)

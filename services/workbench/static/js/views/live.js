@@ -7,12 +7,11 @@ import { link } from "../charts/linked_axes.js";
 import { timeChart } from "../charts/time_chart.js";
 import { liveFit } from "./live_fit.js";
 
-const LATE = 1.0; // a channel that has not been heard for so long is late [s]
 const SYNC = "live";
 const FIRST = ["correvit.speed", "imu.accel"]; // channels shown as curves until others are chosen
 const kept = { chosen: null }; // names of the channels that the user chose as curves
 const TERMS = { Flagged: "flagged", Losses: "losses" };
-const SLOW = 0.9; // part of its expected rate below which a channel is slow
+const MARKS = { good: "✓", warn: "!", bad: "✕" };
 
 /**
  * Show the view.
@@ -49,6 +48,7 @@ export async function show(root, app) {
   const sensors = h("ul", { class: "sensor-states", "data-testid": "live-sensors" });
   const states = h("div", { class: "sensor-bar", hidden: true }, h("span", null, "Sensors ", term(app, "sensor_state")), sensors);
   const curves = h("section", { class: "panel live-curves", hidden: true, "data-testid": "live-curves" });
+  const steps = h("section", { class: "panel live-steps", hidden: true, "aria-label": "how to see a recording", "data-testid": "live-steps" });
   const charts = new Map();
   const fit = liveFit(app);
   let listed = null;
@@ -66,6 +66,7 @@ export async function show(root, app) {
       }),
     ),
     h("section", { class: "panel" }, head, sum, states, marking, marked, marks),
+    steps,
     fit.element,
     curves,
     (listed = h(
@@ -110,10 +111,8 @@ export async function show(root, app) {
     const recording = live.recording ?? Boolean(live.run);
     marking.hidden = !(live.connected && recording);
     if (!live.connected) {
-      head.textContent = live.endpoint ? `No car heard at ${live.endpoint} yet.` : "Not connected to a car.";
-      sum.textContent = live.endpoint
-        ? `${live.why ? `${live.why}. ` : ""}The page goes on listening.`
-        : "Start the workbench with the car's address: lacet ui STUDY --connect tls/192.168.1.10:7447 --keys FOLDER";
+      head.textContent = live.run ? `Nothing more is heard: ${live.run}` : "No recording is heard";
+      sum.textContent = live.endpoint ? `The page listens at ${live.endpoint}, and shows the car by itself once it is recorded.` : "";
     } else {
       const named = [live.manoeuvre, live.run].filter(Boolean).join(", ");
       head.textContent = recording
@@ -121,10 +120,11 @@ export async function show(root, app) {
         : live.run
           ? `The run is over: ${named}`
           : "Connected; the car is not recording.";
-      const ill = channels.filter((c) => verdict(c, recording).kind !== "good").length;
+      const ill = channels.filter((c) => c.state.kind !== "good").length;
       sum.textContent = `${live.endpoint ?? ""}: ${channels.length} channels, ${ill ? `${ill} with something wrong` : "all as they should be"}.${lost(live.losses)}${live.down?.length ? ` Not heard at all: ${live.down.join(", ")}.` : ""}`;
     }
     listed.hidden = !channels.length;
+    drawSteps(live.steps ?? []);
     drawSensors(live.sensors ?? []);
     const set = live.marks ?? [];
     link(SYNC).setMarks(set.map(({ seconds, text: label }) => ({ t: seconds, label })));
@@ -136,11 +136,10 @@ export async function show(root, app) {
       void fit.begin();
     }
     void drawCurves();
-    const shown = channels.filter((c) => !wanted.checked || verdict(c, recording).kind !== "good");
+    const shown = channels.filter((c) => !wanted.checked || c.state.kind !== "good");
     const focused = document.activeElement?.dataset?.testid; // the lines are made anew each second
     body.replaceChildren(
       ...shown.map((c) => {
-        const v = verdict(c, recording);
         return h(
           "tr",
           { "data-testid": `live-${c.name}` },
@@ -148,7 +147,7 @@ export async function show(root, app) {
             "aria-label": `curve of ${c.name}`, "data-testid": `curve-${c.name}`, onchange: (e) => choose(c.name, e.target.checked) })),
           h("th", { scope: "row", class: "code", text: c.name }),
           h("td", { text: c.unit || "–" }),
-          h("td", { class: v.kind }, h("span", { "aria-hidden": "true", text: `${v.mark} ` }), v.text),
+          h("td", { class: c.state.kind }, h("span", { "aria-hidden": "true", text: `${MARKS[c.state.kind]} ` }), c.state.text),
           h("td", { class: "num", text: c.rate === null || c.rate === undefined ? "–" : `${short(c.rate, 3)} Hz` }),
           h("td", { class: "num", text: c.expected ? `${short(c.expected, 3)} Hz` : "–" }),
           h("td", {
@@ -187,6 +186,16 @@ export async function show(root, app) {
           }),
         ),
       );
+  }
+
+  /** What to do where there is nothing to show. */
+  function drawSteps(list) {
+    steps.hidden = !list.length;
+    const key = JSON.stringify(list);
+    if (steps.dataset.of === key) return; // what is selected in it to be copied stays selected
+    steps.dataset.of = key;
+    steps.replaceChildren(...list.map(({ says, commands }) => h("div", null, h("p", { text: `${says}${commands.length ? ":" : "."}` }),
+      commands.map((text) => h("pre", { class: "command", tabindex: 0, text })))));
   }
 
   /** What the recorder says of each sensor. */
@@ -267,15 +276,4 @@ function lost(losses) {
       .map(([cause, n]) => `${bus}: ${n} ${cause}`),
   );
   return parts.length ? ` Lost: ${parts.join("; ")}.` : "";
-}
-
-/** @param {Object} c a channel @param {boolean} recording whether it should be heard now @returns {{kind: string, mark: string, text: string}} its state, in a symbol and words too */
-function verdict(c, recording) {
-  if (c.age === null || c.age === undefined) return { kind: "bad", mark: "✕", text: "never heard" };
-  if (recording && c.age > LATE + (c.expected ? 2 / c.expected : 0)) return { kind: "bad", mark: "✕", text: "silent" };
-  if (c.expected && c.rate < SLOW * c.expected) return { kind: "warn", mark: "!", text: "too slow" };
-  if (c.flagged) return { kind: "warn", mark: "!", text: "flagged" };
-  if (typeof c.losses === "object" ? Object.keys(c.losses ?? {}).length : c.losses)
-    return { kind: "warn", mark: "!", text: "losses" };
-  return recording ? { kind: "good", mark: "✓", text: "good" } : { kind: "good", mark: "✓", text: "was good" };
 }
