@@ -124,11 +124,15 @@ def recommendation(keys: Sequence[str], now: float, best: RecommendedRun | None,
             f"(separation {short(best.after)})."
         )
     if best.seconds is None:
-        what = "√λ" if alone else "separation"
-        wrong = "" if alone else f": the wrong one would still be picked with {percent(best.after)}"
+        beginning = f"No manoeuvre of the library is enough to {_names(keys)}: the best is {best.manoeuvre}"
+        if alone:
+            return (
+                f"{beginning}, with which it would stand out {short(best.after)} times its noise at its largest "
+                f"plausible size, at present {short(now)}; {needed:g} are needed."
+            )
         return (
-            f"No manoeuvre of the library is enough to {_names(keys)}: the best is {best.manoeuvre}, {what} "
-            f"{short(best.after)}, at present {short(now)}; {needed:g} is needed{wrong}."
+            f"{beginning}, separation {short(best.after)}, at present {short(now)}; {needed:g} is needed: the wrong "
+            f"one would still be picked with {percent(best.after)}."
         )
     if alone:
         return f"{best.sentence} Now: {why}" if why else best.sentence

@@ -14,7 +14,7 @@ from lacet.identify.effects.language.misspelling import doubtful, doubtful_words
 from lacet.identify.effects.language.parser import LineFault
 from lacet.identify.effects.language.states import STATES, SUFFIXES
 from lacet.identify.progress import silent
-from lacet.services.render.effect_text import trial_outcome
+from lacet.services.render.effect_text import effect_label, trial_outcome
 from lacet.services.render.units import unit_text
 from lacet.services.workbench.refusals import Busy
 from lacet.services.workbench.session_cache import WAIT, SessionCache
@@ -115,8 +115,9 @@ def catalogue_payload(cache: SessionCache) -> dict[str, Any]:
 
 
 def _shown(record: dict[str, Any]) -> dict[str, Any]:
-    """The record of an effect with the units of its parameters as shown."""
-    return {**record, "parameters": [{**p, "unit": unit_text(p["unit"])} for p in record["parameters"]]}
+    """The record of an effect with its name in words, and the units of its parameters as shown."""
+    label = effect_label(record["effect"])
+    return {**record, "label": label, "parameters": [{**p, "unit": unit_text(p["unit"])} for p in record["parameters"]]}
 
 
 def _reference(study: Study) -> str:

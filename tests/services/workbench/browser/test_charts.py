@@ -122,7 +122,7 @@ async (found) => {
   const get = async () => ({ terms: {} });
   const next = createNextRun({ api: { run, get } });
   document.getElementById("main").append(next.element);
-  const silent = (effect, shown_by) => ({ effect, shown_by, answer: "not testable" });
+  const silent = (effect, shown_by) => ({ effect, label: effect, shown_by, answer: "not testable" });
   const ranked = { candidates: [silent("a.front", "rough road"), { ...silent("b", "braking"), answer: "missing" },
     silent("c", "rough road"), silent("d", "a spiral")] };
   next.ready(true, ranked);
@@ -135,7 +135,7 @@ async (found) => {
   await new Promise((done) => setTimeout(done, 100));
   const text = next.element.querySelector(".next-says").innerText;
   return { groups, waits, again: !go.disabled, text,
-    pictures: next.element.querySelectorAll("[data-testid=next-picture] canvas").length };
+    pictures: next.element.querySelectorAll("[data-testid=next-picture] :is(canvas, .size-bar)").length };
 }
 """
 _SURFACES = """
@@ -248,7 +248,9 @@ def test_the_next_run_is_grouped_and_pictured(opened: Opened, pictured: int) -> 
     assert found["again"]
     assert "rough class B" in found["text"]
     assert "null" not in found["text"]
-    assert found["pictures"] == 1
+    # a region of two sizes, or a bar each of one size now and after the run
+    assert found["pictures"] == 3 - pictured
+    assert ("0.50 to 1.50" in found["text"]) == (pictured == 1)
 
 
 def test_four_surfaces_have_common_axes(opened: Opened) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import time
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,23 @@ def test_the_story_by_keyboard_alone(browser: Any, ready: Bench, tmp_path: Path)
         watch.expect(watch.page.locator("[data-testid=add-best]:focus, [data-testid=diagnose]:focus")).to_be_visible()
         press("u")
         watch.expect(watch.at("version")).to_contain_text("Version 1 of 2", timeout=LONG)
+        _next_run_of_an_effect_that_none_shows(watch)
+
+
+def _next_run_of_an_effect_that_none_shows(watch: Watch) -> None:
+    """It says so after one manoeuvre of each kind, with progress before."""
+    choice, go = watch.at("next-run").get_by_role("combobox"), watch.at("next-run-go")
+    watch.expect(go).to_be_enabled(timeout=LONG)
+    choice.select_option("sensor_gain.speed")
+    go.focus()
+    begun = time.monotonic()
+    watch.page.keyboard.press("Enter")
+    says = watch.at("next-run").locator(".next-says")
+    watch.expect(says).to_contain_text("simulating 2 of", timeout=LONG)
+    watch.expect(says).to_contain_text("shows nothing of it, so the other", timeout=LONG)
+    watch.expect(says).to_contain_text("it would stand out 0.0 times its noise")
+    assert time.monotonic() - begun < 30.0
+    watch.picture("next-run")
 
 
 def _jobs(watch: Watch) -> dict[str, str]:

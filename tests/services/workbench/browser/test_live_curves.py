@@ -9,7 +9,8 @@ from tests.services.workbench.browser.bench import opening, serving
 _SECONDS = """
 async () => {
   const { show } = await import("/js/views/live.js");
-  const channel = (name) => ({ name, unit: "m", samples: 9, rate: 100, expected: 100, age: 0, flagged: 0, losses: 0 });
+  const channel = (name) => ({ name, unit: "m", samples: 9, rate: 100, expected: 100, age: 0, flagged: 0, losses: 0,
+    state: { kind: "good", text: "good" } });
   const live = (...names) => ({ connected: true, recording: true, run: "run", channels: names.map(channel),
     sensors: [], marks: [] });
   let hear;

@@ -128,7 +128,7 @@ export async function show(root, app) {
         h(
           "li",
           null,
-          h("span", { class: "code", text: key }),
+          named(key),
           h("button", {
             type: "button",
             class: "small",
@@ -155,6 +155,12 @@ export async function show(root, app) {
     next.ready(ready, study?.diagnosis ?? null);
   }
 
+  /** An effect in words where the catalogue is there, and as it is written in commands. */
+  function named(key) {
+    const label = about.effects.get(key)?.label;
+    return label ? h("span", { title: key }, label) : h("span", { class: "code", text: key });
+  }
+
   async function readEffects() {
     if (!app.state.study?.exists) return;
     try {
@@ -163,7 +169,9 @@ export async function show(root, app) {
     } catch {
       about.effects = new Map(); // signs and texts are then left out; before there are runs there is no catalogue
     }
-    if (!closed) ranking.update(app.state.study?.diagnosis ?? null, Boolean(app.state.study?.exists) && !busy, true);
+    if (closed) return;
+    ranking.update(app.state.study?.diagnosis ?? null, Boolean(app.state.study?.exists) && !busy, true);
+    draw();
   }
 
   const off = app.on((patch) => {
