@@ -77,9 +77,13 @@ def together(texts: Mapping[str, str]) -> str:
     return text if len({*texts.values()}) == 1 else any_corner(row, text)
 
 
+OWN_CORNER = "{c}: the row's own corner; *: all four."
+"""What ``{c}`` is in a text about rows of several corners."""
+
+
 def explained(lines: Sequence[str]) -> list[str]:
     """Lines about rows, and below them what ``{c}`` is where one has it."""
-    return [*lines, *["  {c}: the row's own corner; *: all four."] * any("{c}" in line for line in lines)]
+    return [*lines, *[f"  {OWN_CORNER}"] * any("{c}" in line for line in lines)]
 
 
 def any_corner(row: str, text: str) -> str:

@@ -9,7 +9,7 @@ from lacet.daq.channels import CHANNELS
 from lacet.identify.signals.sources import Method
 from lacet.identify.validation.row_sources import RowKind, RowSource
 from lacet.services.render.intervals import half_width
-from lacet.services.render.row_needs import any_corner, explained, rows_text, shortened, to_add, together
+from lacet.services.render.row_needs import OWN_CORNER, any_corner, explained, rows_text, shortened, to_add, together
 from lacet.services.render.tables import size, table, wrapped
 
 _WORDS = {
@@ -159,11 +159,19 @@ def _families(names: Iterable[str]) -> str:
 def sources_tables(result: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """The tables of rows, of channels that are not measured and of what is assumed, those that have lines.
 
-    Each with `head`, titles of its columns, and `lines`, one cell a column.
+    Each with `head`, titles of its columns, `lines`, one cell a column, and a `note`, empty where it needs none.
     """
     parts = (
         (HEAD, sources_lines(result)),
         (CHANNELS_HEAD, channels_lines(result)),
         (ASSUMPTIONS_HEAD, assumptions_lines(result)),
     )
-    return [{"head": head, "lines": lines} for head, lines in parts if lines]
+    return [
+        {
+            "head": head,
+            "lines": lines,
+            "note": OWN_CORNER if any("{c}" in cell for line in lines for cell in line) else "",
+        }
+        for head, lines in parts
+        if lines
+    ]

@@ -26,6 +26,7 @@ from lacet.services.render.verdict_card import manoeuvre, verdict_card
 from lacet.services.workbench.packed_arrays import packed
 from lacet.services.workbench.refusals import NotThere
 from lacet.services.workbench.session_cache import Compared, SessionCache
+from lacet.services.workbench.value_views import beside
 from lacet.services.workspace.study import Study, Version
 
 MOST_CELLS = 1200
@@ -197,13 +198,7 @@ def parameters_payload(study: Study, number: int | None) -> dict[str, Any]:
     """A version's parameters with their a-priori values and those of earlier versions."""
     version = study.version(number)
     apriori = study.vehicle.apriori
-    before: dict[str, list[dict[str, Any]]] = {}
-    line = ancestors(study, version)
-    for older in line[:-1]:
-        for p in older.result["parameters"]:
-            before.setdefault(p["name"], []).append(
-                {"version": older.number, **{key: p.get(key) for key in ("value", "half95", "half95_sheet")}}
-            )
+    earlier = [(v.number, {p["name"]: p for p in v.result["parameters"]}) for v in ancestors(study, version)[:-1]]
     return plain(
         {
             "version": version.number,
@@ -215,7 +210,7 @@ def parameters_payload(study: Study, number: int | None) -> dict[str, Any]:
                     "unit": unit_text(p["unit"]),
                     "apriori": apriori[p["name"]].value if p["name"] in apriori else None,
                     "apriori_source": apriori[p["name"]].source if p["name"] in apriori else None,
-                    "before": before.get(p["name"], []),
+                    "before": [{"version": number, **beside(p, there.get(p["name"]))} for number, there in earlier],
                 }
                 for p in version.result["parameters"]
             ],

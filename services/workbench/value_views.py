@@ -22,20 +22,22 @@ def values_payload(study: Study, number: int | None, against: int | None) -> dic
     version = study.version(number)
     result = version.result
     other = study.version(against).result if against is not None else {}
+    others = {kind: _by_name(other.get(kind)) for kind in ("derived", "parameters")}
     apriori = study.vehicle.apriori
     return plain(
         {
             "version": version.number,
             "against": against,
             "derived": [
-                {**_derived(d), **_beside(d, _by_name(other.get("derived")))} for d in result.get("derived", [])
+                {**_derived(d), **beside(d, _by_name(other.get("derived")).get(d["name"]))}
+                for d in result.get("derived", [])
             ],
             "parameters": [
                 {
                     **_named(p),
                     "sum": summed(p, version.effects),
                     "apriori": apriori[p["name"]].value if p["name"] in apriori else None,
-                    **_beside(p, _by_name(other.get("parameters"))),
+                    **beside(p, others["parameters"].get(p["name"])),
                 }
                 for p in result["parameters"]
             ],
@@ -70,12 +72,11 @@ def _named(found: Mapping[str, Any]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _beside(found: Mapping[str, Any], others: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """The value of another version and whether the two differ by more than noise explains.
+def beside(found: Mapping[str, Any], other: Mapping[str, Any] | None) -> dict[str, Any]:
+    """The value of another version, its `change` since [%], and whether the two differ by more than noise explains.
 
     What the sensor sheet leaves open moves both versions alike: their difference is judged without it.
     """
-    other = others.get(found["name"])
     if other is None or not found.get("identifiable", True) or not other.get("identifiable", True):
         return {"other": None, "differs": None, "change": None}
     moved = found["value"] - other["value"]

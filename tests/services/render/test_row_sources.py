@@ -31,6 +31,7 @@ def test_rows_channels_and_assumptions_have_a_table_each():
         "chassis.fx", "assumed", "wheel.speed, wheel.moment", "12 of 300 N: loaded_radius.front",
     ]  # fmt: skip
     assert rows["lines"][1][4] == "needs: laser.{c}.ground"
+    assert [table["note"][:3] for table in (rows, channels, assumed)] == ["{c}", "", ""]
     assert channels["lines"] == [
         ["wheel.fl.speed", "derived", "speed ÷ loaded radius"],
         ["wheel.fl.moment", "assumed", "forces in the contact patch"],

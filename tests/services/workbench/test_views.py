@@ -379,6 +379,10 @@ def test_versions_differ_where_noise_does_not_explain_it(page: Page):
             far = abs(beside["value"] - p["value"]) > np.hypot(beside["half95"], p["half95"])
             assert beside["differs"] == far
     assert any(p["differs"] is False for p in found["parameters"])
+    # the table of all versions says the same
+    for p in page.get("parameters?version=2")["parameters"]:
+        (one,) = p["before"]
+        assert one == {"version": 1, **{key: by_name[p["name"]][key] for key in ("other", "differs", "change")}}
     back = page.get("values?version=1&against=2")
     assert {p["name"] for p in back["gone"]} == set(by_name) - {p["name"] for p in before} >= {"anti_roll_bar.front.k"}
 

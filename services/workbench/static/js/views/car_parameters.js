@@ -53,7 +53,7 @@ export function parameterTable(app, kept) {
       h("td", { class: "num", text: `± ${number(half(p), half(p))}` }),
       h("td", { text: p.unit || "–" }),
       h("td", { class: "num muted", text: number(p.apriori) }),
-      beside === null ? null : h("td", { class: "num muted", text: p.other ? number(p.other.value, half(p)) : "–" }),
+      beside === null ? null : h("td", { class: "num muted", text: p.other ? number(p.other.value, half(p.other)) : "–" }),
       beside === null ? null : h("td", { class: p.differs ? "differs" : "muted", title: p.other ? differs(p.differs, beside) : null,
         text: p.other ? (p.differs ? `● ${arrow(p)}` : "○ same") : "new" }));
   }

@@ -27,6 +27,7 @@ export function show(root, app) {
     kept.sheet = sheet.checked;
     draw();
   } });
+  const boxed = h("p", { class: "muted sub", hidden: true, "data-testid": "values-boxed" });
   const place = h("section", { class: "panel car-place", "data-testid": "car-drawing" });
   const axles = h("section", { class: "panel" });
   const dampers = h("section", { class: "panel" });
@@ -38,7 +39,7 @@ export function show(root, app) {
         h("label", { class: "check", title: "the intervals also count what the sensors' gains and latencies leave open" }, sheet,
           "± with the sensor sheet"), term(app, "interval"),
         h("label", { class: "check" }, "beside", against))),
-    place, h("div", { class: "car-below" }, axles, h("div", { class: "car-right" }, dampers, whole)), parameters.element);
+    boxed, place, h("div", { class: "car-below" }, axles, h("div", { class: "car-right" }, dampers, whole)), parameters.element);
   const plot = xyPlot(dampers, { title: "Damper force at the wheel", x: { label: "travel rate, compression positive", unit: "mm/s" },
     y: { label: "force", unit: "N" }, items: [], height: 300, testid: "dampers" });
 
@@ -72,6 +73,8 @@ export function show(root, app) {
 
   function draw() {
     if (!found) return;
+    boxed.hidden = found.against === null;
+    boxed.textContent = `Boxed: the value in version ${found.against}. ↑ ↓: how far that of version ${found.version} is above or below it, where noise does not explain it.`;
     const at = new Map(found.derived.map((d) => [`${d.kind} ${d.place}`, d]));
     const value = (d, as) => valueOf(d, as, found.against, kept.sheet);
     place.replaceChildren(...(found.derived.length
@@ -108,7 +111,7 @@ function valueOf(d, as, against, sheet) {
   if (d.none) return h(as, { class: "muted", text: "none" });
   const half = halfOf(d, sheet);
   const beside = against !== null && d.other ? h("span", { class: `was${d.differs ? " differs" : ""}`, title: differs(d.differs, against),
-    text: `${number(d.other.value, half)}${d.differs ? ` ${arrow(d)}` : ""}` }) : null;
+    text: `${number(d.other.value, halfOf(d.other, sheet))}${d.differs ? ` ${arrow(d)}` : ""}` }) : null;
   return h(as, { data: { value: d.name } }, h("b", { text: number(d.value, half) }), h("span", { class: "half", text: ` ± ${number(half, half)}` }),
     d.unit ? h("span", { class: "unit", text: ` ${d.unit}` }) : null, beside);
 }

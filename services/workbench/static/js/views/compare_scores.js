@@ -85,13 +85,14 @@ export function table({ rows, chosen, beneath, onRow, onBeneath }) {
 export function sourcesTables(sources, scale) {
   if (!sources.length) return [h("p", { class: "muted", text: "Versions made from now on show it." })];
   const note = scale ? [h("p", { class: "notice", text: `${scale}.` })] : [];
-  return [...note, ...sources.map(({ head, lines }) => {
+  return [...note, ...sources.flatMap(({ head, lines, note: below }) => {
     const filled = head.map((_, k) => lines.some((line) => line[k]));
     const shown = (line) => line.filter((_, k) => filled[k]);
-    return h("table", { class: "score-table" },
+    return [h("table", { class: "score-table" },
       h("thead", null, h("tr", null, shown(head).map((text) => h("th", { scope: "col", text })))),
       h("tbody", null, lines.map(shown).map(([first, ...cells]) => h("tr", null,
-        h("th", { scope: "row", text: first }), cells.map((text) => h("td", { class: "why", text: text || "–" }))))));
+        h("th", { scope: "row", text: first }), cells.map((text) => h("td", { class: "why", text: text || "–" })))))),
+    ...(below ? [h("p", { class: "sub muted", text: below })] : [])];
   })];
 }
 

@@ -1,9 +1,10 @@
 /** The error falls: the waterfall by version, the parameters and how they changed, and what can be taken away. */
 
 import { h } from "../widgets/dom.js";
-import { number, short, times } from "../widgets/format.js";
+import { number, times } from "../widgets/format.js";
 import { term } from "../widgets/terms.js";
 import { createWaterfall, legend } from "../charts/waterfall.js";
+import { arrow, differs } from "./car_parameters.js";
 
 /**
  * Show the view.
@@ -223,7 +224,7 @@ export async function show(root, app) {
     return [...numbers].sort((a, b) => a - b).slice(-3);
   }
 
-  const half = (p) => (sheet.checked ? p.half95_sheet : p.half95);
+  const half = (p) => (sheet.checked ? p.half95_sheet : null) ?? p.half95;
 
   function table() {
     const back = changes.checked ? older() : [];
@@ -237,7 +238,7 @@ export async function show(root, app) {
         : column("± 95 %", "half of the 95 % interval: noise and zeros"),
       h("th", { scope: "col", text: "Unit" }),
       column("A priori", "what the vehicle file says"),
-      ...back.map((n) => column(`version ${n}`)),
+      ...back.map((n) => h("th", { scope: "col", class: "num" }, `version ${n} `, h("span", { class: "moved", text: "change" }))),
     );
     const words = filter.value.trim().toLowerCase().split(/\s+/).filter(Boolean);
     const fits = (p) =>
@@ -264,12 +265,7 @@ export async function show(root, app) {
             title: p.apriori_source || null,
             text: p.apriori === null || p.apriori === undefined ? "–" : number(p.apriori),
           }),
-          back.map((n) =>
-            change(
-              p,
-              p.before.find((b) => b.version === n),
-            ),
-          ),
+          back.map((n) => change(p.before.find((b) => b.version === n))),
         ),
       ),
     );
@@ -301,26 +297,12 @@ export async function show(root, app) {
     );
   }
 
-  /** An earlier value; marked where the change is more than both intervals leave open. */
-  function change(p, before) {
-    if (!before) return h("td", { class: "num muted" }, "–", h("span", { class: "moved" }));
-    const moved = Math.abs(p.value - before.value) > Math.hypot(p.half95 ?? 0, before.half95 ?? 0);
-    const part = before.value ? (p.value - before.value) / Math.abs(before.value) : 0;
-    const text =
-      moved && Math.abs(part) >= 0.0005 && Math.abs(part) < 10
-        ? `${part > 0 ? "↑" : "↓"} ${short(100 * Math.abs(part), 2)} %`
-        : moved
-          ? "↕"
-          : "";
-    return h(
-      "td",
-      {
-        class: "num",
-        title: moved ? "changed since by more than the two intervals leave open" : "the same within the intervals",
-      },
-      number(before.value, half(before)),
-      h("span", { class: "moved", text }),
-    );
+  /** An earlier value, and how it changed since where the server says that it did. */
+  function change(before) {
+    if (!before?.other) return h("td", { class: "num muted" }, "–", h("span", { class: "moved" }));
+    return h("td", { class: "num", title: differs(before.differs, before.version) },
+      number(before.other.value, half(before.other)),
+      h("span", { class: "moved", text: before.differs ? arrow(before) : "" }));
   }
 
   filter.addEventListener("input", table);
