@@ -14,7 +14,6 @@ from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.render.intervals import with_interval
 from lacet.services.render.verdicts import print_change
-from lacet.services.workspace.results import change_result
 from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 
@@ -59,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
         shape = _shape(args.shape, {**{n: v[0] for n, v in effect.grids.items()}, **effect.shape}, effect.grids)
         before = study.version()
         after = session.add(key, shape or None)
-    item = change_result(key, before.result["rows"], after.result["rows"])
+        item = session.change(key, before, after)
     print_change(item)
     names = {p.name for p in effect.parameters}
     for p in after.result["parameters"]:

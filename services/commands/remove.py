@@ -9,7 +9,6 @@ from lacet.daq.formats.result import DONE, write_result
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.render.verdicts import print_change
-from lacet.services.workspace.results import change_result
 from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 
@@ -34,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
     with Line("remove") as line:
         session = Session(study, line.progress)
         after = session.remove(args.effect)
-    item = change_result(args.effect, before.result["rows"], after.result["rows"])
+        item = session.change(args.effect, before, after)
     print_change(item, "Removed")
     print(tables.history(session.study.versions()))
     write_result(args.json, "remove", {"version": after.number, **item})

@@ -22,7 +22,7 @@ from lacet.services.workbench.session_cache import SessionCache
 from lacet.services.workspace.decode import decode_log, decoding_plan
 from lacet.services.workspace.loading import find_rig, find_vehicle
 from lacet.services.workspace.report import write_report
-from lacet.services.workspace.results import change_result, diagnosis_result, study_result
+from lacet.services.workspace.results import diagnosis_result, study_result
 from lacet.services.workspace.session import MOST_EFFECTS, Session
 from lacet.services.workspace.study import Study
 
@@ -192,7 +192,7 @@ class Tasks:
         session = self.cache.session(study, teller.progress)
         before = study.version()
         after = change(session)
-        item = change_result(key, before.result["rows"], after.result["rows"])
+        item = session.change(key, before, after)
         self._shown(session, after.number, teller)
         return {"version": after.number, **item, "says": change_sentence(item, what)}
 

@@ -7,6 +7,8 @@ from dataclasses import asdict
 from typing import Any
 
 from lacet.daq.formats.result import plain
+from lacet.identify.car.rows import Row
+from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.consistent_fit import Consistency, ConsistentFit
 from lacet.identify.properties.derived import damper_curves, derived_values, ranges
@@ -220,15 +222,19 @@ def diagnosis_result(d: Diagnosis) -> dict[str, Any]:
     )
 
 
-def change_result(key: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
+def change_result(
+    key: str, effect: Effect | None, before: Mapping[str, Any], after: Mapping[str, Any]
+) -> dict[str, Any]:
     """Error ÷ floor before and after an effect was added or removed, on the runs used and held out.
 
-    `row` : the row that it changed most, None without any; `helps` : whether the error of any row falls by `HELPS`.
+    `effect` : None where the study no longer has it. `row` : of the rows that it acts on the one that changed most,
+    None without any; `helps` : whether the error of any row falls by `HELPS`.
     """
     was, now = row_ratios(before["used"]), row_ratios(after["used"])
     both = [row for row in was if row in now]
     helps = any(now[row] <= (1.0 - HELPS) * was[row] for row in both)
-    changed = max(both, key=lambda row: (was[row] ** 2 - now[row] ** 2) * (1 if helps else -1), default=None)
+    own = [row for row in both if effect is None or effect.acts_on(Row.parse(row))]
+    changed = max(own, key=lambda row: (was[row] ** 2 - now[row] ** 2) * (1 if helps else -1), default=None)
     row = None if changed is None else {"row": changed, "before": was[changed], "after": now[changed]}
     return {
         "effect": key,

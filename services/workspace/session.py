@@ -189,8 +189,13 @@ class Session:
                     continue  # added with another of which it is known as a sum
                 before = self.study.version()
                 after = self._add_together(found.total.keys if found.total else (found.key,), found.shape)
-                changes.append(change_result(found.key, before.result["rows"], after.result["rows"]))
+                changes.append(self.change(found.key, before, after))
                 added(changes[-1])
+
+    def change(self, key: str, before: Version, after: Version) -> dict[str, Any]:
+        """What an effect changed that was added or removed between two versions, as plain data."""
+        known = self.study.effects(self.runs.reference(before))
+        return change_result(key, known.get(key), before.result["rows"], after.result["rows"])
 
     def add(self, key: str, shape: Mapping[str, float] | None = None) -> Version:
         """Add an effect to the current version, with these shape constants.

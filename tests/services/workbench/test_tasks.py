@@ -42,10 +42,10 @@ def test_the_whole_story(page: Page):
     page.run("goto", version=2)
     assert page.run("remove", effect="anti_roll_bar.front")["version"] == 3
     assert page.get("study")["versions"][2]["used_error"] == page.get("study")["versions"][0]["used_error"]
-    before = [p for p in page.get("parameters?version=2")["parameters"] if p["before"]]
+    before = [p for p in page.get("parameters?version=2")["parameters"] if p["before"][0]["other"]]
     assert before[0]["before"][0]["version"] == 1
     sheet = {p["name"]: p["half95_sheet"] for p in page.get("parameters?version=1")["parameters"]}
-    assert all(p["before"][0]["half95_sheet"] == sheet[p["name"]] for p in before), "rounded by the interval shown"
+    assert all(p["before"][0]["other"]["half95_sheet"] == sheet[p["name"]] for p in before), "rounded by it"
 
 
 def test_runs_chosen_anew_are_a_new_version_with_the_same_effects(page: Page):

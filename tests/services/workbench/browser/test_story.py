@@ -221,7 +221,9 @@ def _own_effect(watch: Watch, bench: Bench) -> None:
     watch.expect(watch.at("own-add")).to_have_text("Keep and add bump.rear")
     watch.at("own-add").click()
     _version(watch, 4)
-    watch.expect(watch.at("last-change")).to_contain_text("It helps no row: undo it.", timeout=LONG)
+    watch.expect(watch.at("last-change")).to_have_text(
+        re.compile(r"Added bump\.rear: suspension\.r[lr] .* It helps no row: undo it\."), timeout=LONG
+    )
     watch.expect(watch.at("undo-add")).to_be_in_viewport(ratio=1.0)
     watch.picture("4-helps-no-row")
     watch.at("undo-add").click()

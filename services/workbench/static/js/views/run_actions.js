@@ -11,7 +11,7 @@ import { h } from "../widgets/dom.js";
  */
 export async function confirmed(app, name, verb) {
   const found = await app.api.get(`api/runs/${encodeURIComponent(name)}/consequences`);
-  const says = [...found.says, "The file is kept in the study's folder removed."];
+  const says = [...found.says, "The file is not lost: it is moved to the study's folder “removed”."];
   const no = verb === "Delete" && !found.may_remove;
   return new Promise((done) => {
     const answer = (yes) => () => {
@@ -51,7 +51,7 @@ export function fileActions(app, { name, file, may = true }, { replace, done }) 
   };
   const remove = go("Delete", async () => {
     await app.api.remove(`api/runs/${encodeURIComponent(name)}`);
-    app.toast(`${name} is out of the study's runs; its file is kept in the folder removed.`, "good");
+    app.toast(`${name} is out of the study's runs; its file is in the study's folder “removed”.`, "good");
     done();
   });
   const button = (verb, text, onclick) => h("button", { type: "button", class: "small quiet", "data-testid": `${verb}-${name}`, "aria-label": `${text} ${name}`, onclick, text });
