@@ -89,7 +89,7 @@ def _against(a: Against) -> dict[str, Any]:
 
 
 def spectrum_payload(cache: SessionCache, version: int, text: str) -> dict[str, Any]:
-    """Spectrum of a row's residual beside its floor's, and its coherence with the states."""
+    """Spectrum of a row's residual beside its floor's, and its coherence with the states; or `why` there is none."""
     found, _ = cache.found_where(version)
     row = _row(found, text)
     ready = found.spectra.get(row)
@@ -99,11 +99,12 @@ def spectrum_payload(cache: SessionCache, version: int, text: str) -> dict[str, 
             session = cache.session(study, silent)
             ready = row_spectrum(session.values.fitted(number), session.values.floor(number), row)
         if ready is None:
-            raise NotThere(f"row {row}: no run has three stretches of four seconds without a hole")
+            return {"row": str(row), "why": "No spectrum: no run has three stretches of four seconds without a hole."}
     return plain(
         {
-            "row": row, "unit": ready.unit, "density_unit": f"({ready.unit})²/Hz", "frequency": ready.frequency,
-            "residual": ready.residual, "floor": ready.floor, "high": ready.high, "level": ready.level,
+            "row": row, "why": "", "unit": ready.unit, "density_unit": f"({ready.unit})²/Hz",
+            "frequency": ready.frequency, "residual": ready.residual, "floor": ready.floor, "high": ready.high,
+            "level": ready.level,
             "coherence": {name: ready.coherence[name] for name in ready.explained}, "explained": ready.explained,
             "together": {"of": ready.together_of, "squared": ready.together, "level": ready.together_level},
             "segments": ready.segments,

@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
+PATIENCE = 60.0
+"""Longest that a command may take to end, or to say something, on a busy machine [s]."""
 
 
 class Command:
@@ -32,14 +34,14 @@ class Command:
         """Standard output and error so far."""
         return self.log.read_text()
 
-    def wait(self, timeout: float = 30.0) -> int:
+    def wait(self, timeout: float = PATIENCE) -> int:
         """The exit code."""
         try:
             return self.process.wait(timeout)
         except subprocess.TimeoutExpired:
             raise AssertionError(f"still running after {timeout:g} s:\n{self.text()}") from None
 
-    def wait_for(self, text: str, timeout: float = 15.0) -> None:
+    def wait_for(self, text: str, timeout: float = PATIENCE) -> None:
         """Wait until it has printed `text`."""
         until = time.monotonic() + timeout
         while text not in self.text():

@@ -85,7 +85,9 @@ def test_what_the_page_says_is_done_and_a_fit_and_the_server_are_killed(browser:
         watch.expect(line).to_contain_text("s behind")
         (again,) = fits_of(first.server)
         assert again != fit
-        assert min(watch.page.evaluate("window.lacetLags")) < 3.0
+        # 0.8 to 1.6 s on a machine that has nothing else to do
+        lags = watch.page.evaluate("window.lacetLags")
+        assert min(lags) < 8.0, lags
         first.server.process.kill()
         watch.expect(watch.at("job-bar")).to_have_attribute("data-state", "down")
         _until(lambda: not Path(f"/proc/{again}").exists())  # nobody reads what it says

@@ -33,13 +33,15 @@ export function show(root, app) {
   const dampers = h("section", { class: "panel" });
   const whole = h("section", { class: "panel" });
   const parameters = parameterTable(app, kept);
+  const below = h("div", { class: "car-below" }, axles, h("div", { class: "car-right" }, dampers, whole));
+  below.hidden = parameters.element.hidden = true; // until there is a model
   root.append(
     h("header", { class: "view-head" }, h("h1", { text: "The car in numbers" }),
       h("div", { class: "bar end" },
         h("label", { class: "check", title: "the intervals also count what the sensors' gains and latencies leave open" }, sheet,
           "± with the sensor sheet"), term(app, "interval"),
         h("label", { class: "check" }, "beside", against))),
-    boxed, place, h("div", { class: "car-below" }, axles, h("div", { class: "car-right" }, dampers, whole)), parameters.element);
+    boxed, place, below, parameters.element);
   const plot = xyPlot(dampers, { title: "Damper force at the wheel", x: { label: "travel rate, compression positive", unit: "mm/s" },
     y: { label: "force", unit: "N" }, items: [], height: 300, testid: "dampers" });
 
@@ -73,6 +75,7 @@ export function show(root, app) {
 
   function draw() {
     if (!found) return;
+    below.hidden = parameters.element.hidden = false;
     boxed.hidden = found.against === null;
     boxed.textContent = `Boxed: the value in version ${found.against}. ↑ ↓: how far that of version ${found.version} is above or below it, where noise does not explain it.`;
     const at = new Map(found.derived.map((d) => [`${d.kind} ${d.place}`, d]));

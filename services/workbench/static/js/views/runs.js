@@ -108,10 +108,14 @@ export async function show(root, app) {
 
   const role = (run) => picked.get(run.name) ?? run.role;
 
+  /** Files that describe the runs: name, what it is, and the name in it. */
+  const describing = () =>
+    [["rig.toml", "instruments", app.state.study?.rig], ["vehicle.toml", "car", app.state.study?.vehicle]].filter(([, , there]) => there);
+
   function draw() {
     body.replaceChildren(...runs.map(line));
     const { study } = app.state;
-    const described = [["rig.toml", "instruments", study?.rig], ["vehicle.toml", "car", study?.vehicle]].filter(([, , there]) => there);
+    const described = describing();
     describedBy.replaceChildren(...described.map(([file, what, named]) => h("li", null, h("b", { text: `${what}: ` }), named, h("span", { class: "muted", text: ` (${file})` }),
       fileActions(app, { name: file, file, may: !study.exists }, { replace: (sent, as) => void take([sent], as), done: () => void app.refresh() }))));
     describedBy.hidden = !described.length;
@@ -328,7 +332,23 @@ export async function show(root, app) {
     const text = h("span", { text: `${name}: waits` });
     const item = h("li", { data: { file: name } }, text);
     sent.append(item);
+    const refused = (why, there) => {
+      item.className = "bad";
+      text.textContent = `${name}: ${why}`;
+      if (there) item.append(" ", h("button", { type: "button", class: "small", text: "Replace …", "data-testid": `replace-sent-${name}`,
+        onclick: async () => {
+          if (!(await confirmed(app, byFile(name), "Replace").catch(app.complain))) return;
+          item.remove();
+          void take([file], name);
+        } }));
+      item.append(" ", h("button", { type: "button", class: "small", text: "Close", onclick: () => item.remove() }));
+    };
     return async () => {
+      // of what is known to be there nothing is sent in vain
+      if (!as && isThere(name)) {
+        refused("there is one already: replace it, or give this one another name", true);
+        return;
+      }
       try {
         const answer = await app.api.upload(`api/runs/${encodeURIComponent(name)}${as ? "?replace=true" : ""}`, file, (part) => {
           text.textContent = `${name}: sending, ${Math.round(100 * part)} %`;
@@ -341,20 +361,13 @@ export async function show(root, app) {
         if (!closed) await read();
         item.remove();
       } catch (cause) {
-        item.className = "bad";
-        text.textContent = `${name}: ${cause.message}`;
-        if (cause.status === 409) item.append(" ", h("button", { type: "button", class: "small", text: "Replace …", "data-testid": `replace-sent-${name}`,
-          onclick: async () => {
-            if (!(await confirmed(app, byFile(name), "Replace").catch(app.complain))) return;
-            item.remove();
-            void take([file], name);
-          } }));
-        item.append(" ", h("button", { type: "button", class: "small", text: "Close", onclick: () => item.remove() }));
+        refused(cause.message, cause.status === 409);
         if (!closed) await read();
       }
     };
   }
 
+  const isThere = (name) => runs.some((run) => run.file === name) || describing().some(([file]) => file === name);
   const byFile = (file) => runs.find((run) => run.file === file)?.name ?? file;
 
   async function read() {

@@ -74,6 +74,13 @@ export function rowPictures(root, app) {
       if (mine !== turn) return;
       veils.right.clear();
       veils.last.clear();
+      if (one.why) {
+        power.update({ title: "Spectrum", x: AXIS, y: AXIS, items: [], hint: "" });
+        share.update({ title: "Coherence with states, squared", x: AXIS, y: AXIS, items: [], hint: "" });
+        veils.right.say(one.why);
+        veils.last.say(one.why);
+        return;
+      }
       const x = { label: "frequency", unit: "Hz", range: [0, one.frequency.at(-1)] };
       const f = one.frequency;
       power.update({
