@@ -13,6 +13,7 @@ import os
 import pkgutil
 import sys
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from types import ModuleType
 
 from lacet.daq.errors import LacetError, NotIdentifiable, nearest
@@ -145,8 +146,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return _unread()
     except OSError as error:  # a folder that cannot be created, a full disk
-        where = f"{error.filename}: " if error.filename else ""
-        print(f"lacet {args.command}: {where}{error.strerror or error}", file=sys.stderr)
+        print(f"lacet {args.command}: {_failed(error)}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
         print(f"\nlacet {args.command}: stopped", file=sys.stderr)
@@ -177,6 +177,16 @@ def _write_what_can_be_written() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
+
+
+def _failed(error: OSError) -> str:
+    """What the system refused, with the file; a file in the place of a folder is named as such."""
+    if isinstance(error, FileExistsError | NotADirectoryError) and isinstance(error.filename, str):
+        name = Path(error.filename)
+        if file := next((one for one in (name, *name.parents) if one.is_file()), None):
+            return f"{file} is a file: name a folder in its place"
+    where = f"{error.filename}: " if error.filename else ""
+    return f"{where}{error.strerror or error}"
 
 
 def _unread() -> int:
