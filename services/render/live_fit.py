@@ -19,18 +19,22 @@ LONG = 3600.0
 """Time from which on it is said to be hours, without a number [s]."""
 
 
-def still_needed(seconds: float, least: float) -> str:
+def still_needed(seconds: float, least: float, target: float) -> str:
     """What a parameter needs: ``enough``, the time of driving as so far, or why no time will do.
 
     Parameters
     ----------
     seconds : how much longer to drive [s]; infinite where it never is enough.
     least : half interval ÷ value after endless driving of the same kind.
+    target : what is enough of it; a best that is hardly more is written with digits that show it.
     """
     if seconds <= 0.0:
         return "enough"
     if math.isinf(seconds):
-        best = "over 100 %" if least > 1.0 else f"± {half_width(100.0 * least)} %"
+        digits = half_width(100.0 * least)
+        if float(digits) <= 100.0 * target:
+            digits = f"{100.0 * least:.4g}"
+        best = "over 100 %" if least > 1.0 else f"± {digits} %"
         return f"not by more of the same: {best} at best"
     if seconds > LONG:
         return "hours more"

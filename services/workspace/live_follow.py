@@ -137,7 +137,7 @@ class LiveFollower:
             "marks": marks_set(ledger, begun),
         }
         if found is not None:
-            out |= fit_state(found)
+            out |= fit_state(found, self._target)
             # The newest sample heard, and the time that has gone by since, in which others may have come.
             waited = time.monotonic() - self._heard if samples.recording else 0.0
             out["behind"] = 1e-9 * (samples.latest_ns - begun) + waited - found.seconds
@@ -159,8 +159,8 @@ def over(last: dict[str, Any]) -> dict[str, Any]:
     return {**last, "recording": False, "line": f"nothing more is heard; {last['line']}"}
 
 
-def fit_state(found: LiveResult) -> dict[str, Any]:
-    """A result of the live fit as plain data."""
+def fit_state(found: LiveResult, target: float) -> dict[str, Any]:
+    """A result of the live fit as plain data; `target` as in `LiveFollower`."""
     parameters: list[dict[str, Any]] = []
     for one, half, least, seconds in zip(
         found.estimates, found.enough.half, found.enough.least, found.enough.seconds, strict=True
@@ -171,7 +171,7 @@ def fit_state(found: LiveResult) -> dict[str, Any]:
                 {
                     "name": one.name, "words": words, "symbol": symbol, "effect": one.effect, "value": one.value,
                     "unit": one.unit, "half95_sheet": one.half_sheet, "relative": half, "least": least,
-                    "seconds_needed": seconds, "answer": still_needed(float(seconds), float(least)),
+                    "seconds_needed": seconds, "answer": still_needed(float(seconds), float(least), target),
                 }
             )  # fmt: skip
     return {

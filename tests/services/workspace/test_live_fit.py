@@ -348,8 +348,11 @@ def test_the_model_is_the_present_one_of_the_study(log: Path, tmp_path: Path):
 
 
 def test_what_is_still_needed_is_said():
-    assert still_needed(0.0, 0.01) == "enough"
-    assert still_needed(12.3, 0.01) == "12 s more"
-    assert still_needed(200.0, 0.01) == "3 min more"
-    assert still_needed(4e4, 0.01) == "hours more"
-    assert still_needed(float("inf"), 0.038).startswith("not by more of the same: ± 3.8 % at best")
+    assert still_needed(0.0, 0.01, 0.02) == "enough"
+    assert still_needed(12.3, 0.01, 0.02) == "12 s more"
+    assert still_needed(200.0, 0.01, 0.02) == "3 min more"
+    assert still_needed(4e4, 0.01, 0.02) == "hours more"
+    never = float("inf")
+    assert still_needed(never, 0.038, 0.02) == "not by more of the same: ± 3.8 % at best"
+    assert still_needed(never, 0.02031, 0.02) == "not by more of the same: ± 2.031 % at best"
+    assert "over 100 %" in still_needed(never, 1.2, 0.02)

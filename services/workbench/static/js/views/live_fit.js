@@ -69,7 +69,7 @@ export function liveFit(app) {
       const done = one.seconds_needed === 0;
       return h("tr", null,
         h("th", { scope: "row" }, one.words, " ", h("span", { class: "muted code", text: one.symbol })),
-        h("td", { class: done ? "good" : one.seconds_needed === null ? "warn" : null }, h("span", { "aria-hidden": "true", text: done ? "✓ " : one.seconds_needed === null ? "! " : "… " }), one.answer),
+        h("td", { class: done ? "good" : one.seconds_needed === null ? "warn" : null }, h("span", { "aria-hidden": "true", text: done ? "✓ " : one.seconds_needed === null ? "! " : "… " }), one.answer.replace(/± (\S+) %/, "±\u00a0$1\u00a0%")),
         h("td", { class: "num", text: number(one.value, one.half95_sheet) }),
         h("td", { class: "num", text: number(one.half95_sheet, one.half95_sheet) }),
         h("td", { text: one.unit }),
