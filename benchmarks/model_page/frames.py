@@ -101,7 +101,7 @@ def _axes(
     arrow(axes, at, (at[0] + length, at[1]), colour, right, offset=(0.07, 0.0))
     arrow(axes, at, (at[0], at[1] + length), colour, up, offset=(0.0, 0.08))
     if name:
-        axes.text(at[0] + 0.07, at[1] + 0.1, name, fontsize=9, color=colour)
+        axes.text(at[0], at[1] - 0.09, name, fontsize=9, color=colour, ha="center", va="top")
 
 
 def _wheel(axes: Axes, x0: float, y0: float) -> None:
@@ -119,7 +119,7 @@ def _wheel(axes: Axes, x0: float, y0: float) -> None:
     left, right = ([foot[i] + s * road[i] for i in (0, 1)] for s in (-0.95, 0.85))
     axes.plot([left[0], right[0]], [left[1], right[1]], color=LINE, lw=1.2)
     end = (x0 + 0.6 * n[0], y0 + 0.6 * n[1])
-    arrow(axes, (x0, y0), end, FORCE, "n: spin axis, carrier y", offset=(0.25, 0.14))
+    arrow(axes, (x0, y0), end, FORCE, "n: spin axis, carrier y", offset=(-0.08, 0.14))
     arrow(axes, (x0, y0), (x0 + 0.9 * up[0], y0 + 0.9 * up[1]), FORCE, "carrier z", offset=(0.1, 0.08), ha="left")
     base = (foot[0] + 0.55 * road[0], foot[1] + 0.55 * road[1])
     tip = (base[0] + 0.6 * e[0], base[1] + 0.6 * e[1])
