@@ -7,6 +7,7 @@ import json
 import signal
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -28,6 +29,8 @@ from lacet.services.workspace.live_follow import TARGET, LiveFollower, model_of_
 
 AGAIN = 2.0
 """Time between attempts to reach the router [s]."""
+LAST_WORDS = 2.0
+"""Longest time that the recorder's last messages take after its router has gone [s]."""
 IDLE = 2.0
 """Period of the lines of JSON while nothing is new [s]."""
 
@@ -108,8 +111,7 @@ def run(args: argparse.Namespace) -> int:
                         # Markers and losses that came after the last second was fitted belong to it.
                         last = follower.state()
                         break
-                # With its recorder the router has gone, too.
-                while not stop.is_set() and (found := follower.turn(0.0)) is not None:
+                for found in _last_states(follower, stop):
                     last = found
                     shown.show(found)
             finally:
@@ -118,6 +120,18 @@ def run(args: argparse.Namespace) -> int:
                 break
     write_result(args.json, "live", last or {})
     return DONE if last is not None and last["seconds"] is not None else WITH_LOSSES
+
+
+def _last_states(follower: LiveFollower, stop: Event) -> Iterator[dict[str, Any]]:
+    """States until what a recorder said last has come, where its router has gone with it."""
+    until = time.monotonic() + LAST_WORDS
+    while not stop.is_set() and time.monotonic() < until:
+        found = follower.turn(0.05)
+        if found is not None:
+            yield found
+            until = time.monotonic() + LAST_WORDS
+        elif follower.over:
+            return
 
 
 class _Shown:

@@ -113,7 +113,9 @@ export async function show(root, app) {
     [["rig.toml", "instruments", app.state.study?.rig], ["vehicle.toml", "car", app.state.study?.vehicle]].filter(([, , there]) => there);
 
   function draw() {
+    const focused = body.contains(document.activeElement) ? document.activeElement.dataset.testid : null;
     body.replaceChildren(...runs.map(line));
+    if (focused) body.querySelector(`[data-testid="${CSS.escape(focused)}"]`)?.focus(); // the lines are made anew
     const { study } = app.state;
     const described = describing();
     describedBy.replaceChildren(...described.map(([file, what, named]) => h("li", null, h("b", { text: `${what}: ` }), named, h("span", { class: "muted", text: ` (${file})` }),
