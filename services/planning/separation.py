@@ -144,8 +144,9 @@ def recommend(
     ----------
     names : effects to distinguish, or the one to be excited; by default the best candidate and those tied with it.
     limits, without : limits of what may be driven, and excluded manoeuvres.
-    within : time [s] after which no further manoeuvre is begun; None tries all. The strongest of each kind come first,
-        and where none of these shows anything the others are not tried.
+    within : time [s] in which it ends, after one manoeuvre at the earliest: none is begun that would take longer, by
+        the longest so far; None tries all. The strongest of each kind come first, and where none of these shows
+        anything the others are not tried.
 
     Returns None when no names are given and nothing is tied. Raises UsageError for effects that are unknown or already
     in the model, and without the simulator.
@@ -186,10 +187,11 @@ def _recommended(
     kinds_of_runs = len({plan.manoeuvre.name for plan in plans})
     runs: list[Recommended] = []
     problems: list[str] = []
-    tried, shows_nothing = 0, False
+    tried, shows_nothing, longest = 0, False, 0.0
     for number, plan in enumerate(plans, 1):
         shows_nothing = tried == kinds_of_runs and not any(run.after > _NOTHING for run in runs)
-        if shows_nothing or (tried and time.monotonic() > until):
+        begun = time.monotonic()
+        if shows_nothing or (tried and begun + longest > until):
             break
         progress(ServiceStep(ServiceStage.SIMULATING_RUN, number, len(plans), plan.label))
         planned, failed = simulate(plan)
@@ -203,6 +205,7 @@ def _recommended(
                 continue
             weighted = planned_run(question, drive, diagnosis.noise_ratio)
             runs.append(_judged(question, present, before, one, weighted, limits, bool(why), pictured))
+        longest = max(longest, time.monotonic() - begun)
     runs.sort(key=lambda r: (r.seconds is None, -r.after))
     now, each = _value(before), _sizes(before)
     says = recommendation(keys_of(question), now, runs[0] if runs else None, not names, why)

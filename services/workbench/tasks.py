@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -28,9 +29,9 @@ from lacet.services.workspace.study import Study
 
 REPORT, MARKDOWN, PICTURE = "report.html", "report.md", "report.png"
 """Files of the report in the study's folder: whole, its first page with tables, and that page's picture."""
-WITHIN = 25.0
-"""Time after which the search for the next run begins no further manoeuvre [s]: the page answers within half a minute,
-and goes on from the motions it has when it is asked again."""
+WITHIN = 27.0
+"""Time in which the search for the next run ends [s]: the page answers within half a minute, and goes on from the
+motions it has when it is asked again."""
 Found = TypeVar("Found")
 
 
@@ -151,6 +152,7 @@ class Tasks:
 
     def next(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
         """Recommend the run to drive next."""
+        until = time.monotonic() + WITHIN
         study = self.cache.study
         session = self.cache.session(study, teller.progress)
         diagnosis = self.cache.diagnosis(study.current)
@@ -159,7 +161,8 @@ class Tasks:
             if diagnosis is None:
                 diagnosis = session.diagnose()
                 self.cache.keep_diagnosis(study.current, study, diagnosis)
-            found = next_run(session, diagnosis, _names(args, "effects"), _names(args, "without"), WITHIN)
+            within = until - time.monotonic()  # the runs may have had to be read first
+            found = next_run(session, diagnosis, _names(args, "effects"), _names(args, "without"), within)
         return {"next": found}
 
     def report(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
