@@ -6,17 +6,20 @@ they explain: products of the same draws follow without drawing again.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect, with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sums.linear_fit import FittedModel
 from lacet.identify.selection.columns.layout import Layout
 from lacet.identify.selection.columns.ranked_runs import RankedRuns
-from lacet.identify.selection.columns.regressor_noise import RegressorNoise, regressor_labels
+from lacet.identify.selection.columns.regressor_noise import RegressorNoise, RunNoise, regressor_labels
+from lacet.identify.selection.columns.weighted_columns import Weighting
 
 
 @dataclass(frozen=True)
@@ -27,26 +30,49 @@ class DrawnNoise:
     ----------
     noise : the noise.
     runs : a fitted model, and its runs.
-    layout : order of the columns beside those of its model.
+    weighting : of its columns.
+    zero_gains : for each run (z, w) regression of each column on its zeros.
+    energies : row → (w,) squares of its columns, summed over their samples.
     """
 
     noise: RegressorNoise
     runs: RankedRuns
-    layout: Layout
+    weighting: Weighting
+    zero_gains: tuple[Array, ...]
+    energies: Mapping[Row, Array]
 
-    def of(self, runs: RankedRuns, layout: Layout) -> RegressorNoise | None:
+    def of(self, runs: RankedRuns, layout: Layout, energies: Mapping[Row, Array]) -> RegressorNoise | None:
         """The noise of another fit to the same runs; None where it has columns that were not drawn, or other runs.
 
         Between the values of a grid columns are interpolated; beyond them none were drawn. Columns of the sensor sheet
-        and of sensor faults, which depend on the fit's parameters, are those of the first fit.
+        and of sensor faults depend on the fit's parameters: theirs are scaled as the columns, by `energies` row by row.
         """
         old, new = self.runs.refittable, runs.refittable
         if old is None or new is None or len(old.runs) != len(new.runs):
             return None
         if any(a is not b for a, b in zip(old.runs, new.runs, strict=True)):
             return None
-        weights = _weights(self.runs.fitted, self.layout, runs.fitted, layout)
-        return None if weights is None else self.noise.at(regressor_labels(runs.fitted, layout), weights)
+        weights = _weights(self.runs.fitted, self.weighting.layout, runs.fitted, layout)
+        if weights is None:
+            return None
+        faults = [trial.place.start for trial in layout.trials if trial.fault]
+        sensors = np.array([*range(layout.model, layout.model + len(layout.sheet)), *faults], np.intp)
+        scales = {row: np.ones(layout.width) for row in energies.keys() & self.energies.keys()}
+        for row, scale in scales.items():
+            before, now = self.energies[row] @ weights[sensors].T, energies[row][sensors]
+            scale[sensors] = np.sqrt(np.divide(now, before, out=np.ones_like(now), where=before > 0.0))
+        return self._eliminated.at(regressor_labels(runs.fitted, layout), weights, scales)
+
+    @cached_property
+    def _eliminated(self) -> RegressorNoise:
+        """The noise with every run's zeros eliminated: their columns, too, depend on the fit's parameters."""
+        rows = dict.fromkeys(row for run in self.noise.runs for row in run.rows)
+        gains, weighting = self.zero_gains, self.weighting
+        totals = {
+            row: np.sum([run.eliminated(weighting, gains[run.run], {row: 1.0}) for run in self.noise.runs], axis=0)
+            for row in rows
+        }
+        return replace(self.noise, runs=(RunNoise.of_totals(totals),))
 
 
 def _weights(before: FittedModel, old: Layout, fitted: FittedModel, layout: Layout) -> Array | None:
