@@ -16,12 +16,14 @@ from lacet.daq.set_aside import DiskSpace, free_bytes
 from lacet.services.acquisition.assembly import AHEAD, REQUEST, recorded_axes
 from lacet.services.acquisition.block_store import BlockStore
 from lacet.services.acquisition.log_medium import RESERVE_BYTES
+from lacet.services.acquisition.sensor_monitor import SensorState
 
 LEAST_FREE = 5 * RESERVE_BYTES
 """Least free space on the disk of temporary files at which samples are still put there [bytes]: a recorder that writes
 to the same disk stops at `RESERVE_BYTES`."""
 EVER = 2**63 - 1
 """Later than every stamp [ns]."""
+_SOUND = (SensorState.RUNNING, SensorState.WAITING)
 
 
 class LiveSamples:
@@ -169,6 +171,17 @@ def sensor_states(ledger: dict[str, Any]) -> list[dict[str, str]]:
         for name, one in found.items()
         if isinstance(one, dict)
     ]
+
+
+def channel_faults(ledger: dict[str, Any]) -> dict[str, str]:
+    """Channel → state of its sensor, of the channels at fault in a recorder's ledger; empty where all run."""
+    found = ledger.get("sensors")
+    return {
+        str(channel): str(one.get("state", ""))[:20]
+        for one in (found.values() if isinstance(found, dict) else [])
+        if isinstance(one, dict) and isinstance(one.get("channels"), list) and one.get("state") not in _SOUND
+        for channel in one["channels"]
+    }
 
 
 def marks_set(ledger: dict[str, Any], started_ns: int) -> list[dict[str, Any]]:

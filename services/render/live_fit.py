@@ -68,7 +68,8 @@ def screen(found: Mapping[str, Any]) -> str:
     head = f"{found['run_id'] or 'no recording is heard'}" + ("" if found["recording"] else " (not recording)")
     lines = [f"{head}: {found['line']}"]
     if found["sensors"]:
-        lines.append("  " + "; ".join(_sensor(one) for one in found["sensors"]))
+        when = "" if found["recording"] else "at the end of the run: "
+        lines.append(f"  {when}" + "; ".join(_sensor(one) for one in found["sensors"]))
     if found["losses"]:
         lines.append(f"  LOST {found['losses']}")
     if found["marks"]:

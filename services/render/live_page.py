@@ -1,21 +1,27 @@
-"""What the live page says: the state of each channel, and what to do where no recording is heard."""
+"""What the live page says: the state of each channel and of all, and what to do where no recording is heard."""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from lacet.daq.bus.session import ROUTER
-from lacet.services.acquisition.sensor_monitor import MISSED, RATE_TOLERANCE
+from lacet.services.acquisition.sensor_monitor import MISSED, RATE_TOLERANCE, SensorState
 
 SILENT = 1.0
 """Time without a sample at the page from which a channel is silent [s]: the recorder's 0.5 s, batches and the bus."""
 
 
 def channel_state(
-    age: float | None, rate: float | None, expected: float | None, flagged: int, losses: int, recording: bool
-) -> dict[str, str]:
+    age: float | None, rate: float | None, expected: float | None, flagged: int, losses: int, recording: bool,
+    fault: str = "",
+) -> dict[str, str]:  # fmt: skip
     """State of a channel in words, and its `kind`: ``good``, ``warn`` or ``bad``.
+
+    A fault that the recorder finds is the channel's state, so that channels and sensors agree; once the run is over, it
+    is the state at its end.
 
     Parameters
     ----------
@@ -23,11 +29,15 @@ def channel_state(
     rate, expected : samples/s of the last seconds, and nominal.
     flagged, losses : numbers of samples and of blocks.
     recording : whether it should be heard now.
+    fault : state of its sensor, as the recorder said last, where the channel is at fault.
     """
     if age is None:
         return {"kind": "bad", "text": "never heard"}
-    if recording and age > max(SILENT, MISSED / expected if expected else 0.0):
-        return {"kind": "bad", "text": "silent"}
+    when = "" if recording else " at the end"
+    if fault == SensorState.SILENT or (recording and age > max(SILENT, MISSED / expected if expected else 0.0)):
+        return {"kind": "bad", "text": f"silent{when}"}
+    if fault:
+        return {"kind": "warn", "text": f"{fault}{when}"}
     if expected and rate is not None and abs(rate / expected - 1.0) > RATE_TOLERANCE:
         return {"kind": "warn", "text": "slow" if rate < expected else "babbling"}
     if flagged:
@@ -35,6 +45,20 @@ def channel_state(
     if losses:
         return {"kind": "warn", "text": "losses"}
     return {"kind": "good", "text": "good" if recording else "was good"}
+
+
+def channels_text(states: Sequence[Mapping[str, str]], recording: bool) -> str:
+    """How many channels there are, and how many of them are in which state other than good.
+
+    Parameters
+    ----------
+    states : of the channels, as `channel_state` has them.
+    recording : as there.
+    """
+    wrong = Counter(one["text"] for one in states if one["kind"] != "good")
+    if not wrong:
+        return f"{len(states)} channels, {'all' if recording else 'all were'} as they should be"
+    return f"{len(states)} channels, {', '.join(f'{number} {text}' for text, number in wrong.most_common())}"
 
 
 def first_steps(endpoint: str | None, capture: Path | None, why: str = "") -> list[dict[str, Any]]:

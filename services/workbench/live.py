@@ -24,8 +24,8 @@ from lacet.daq.errors import LacetError, UsageError, nearest
 from lacet.daq.formats.result import plain
 from lacet.daq.formats.wire import StartRecord, WireError, block_from_bytes, start_from_bytes
 from lacet.daq.rig import Rig
-from lacet.services.acquisition.live_samples import marks_set, sensor_states
-from lacet.services.render.live_page import channel_state, first_steps
+from lacet.services.acquisition.live_samples import channel_faults, marks_set, sensor_states
+from lacet.services.render.live_page import channel_state, channels_text, first_steps
 from lacet.services.workbench.events import Events
 from lacet.services.workbench.help_pages import CAPTURES
 from lacet.services.workbench.live_curves import LiveCurve
@@ -83,13 +83,17 @@ class Live:
         now = time.monotonic()
         with self._lock:
             recording = self._recording and now - self._last < GONE
+            faults = channel_faults(self._ledger)
+            channels = [
+                self._channel(name, heard, now, recording, faults.get(name, ""))
+                for name, heard in sorted(self._heard.items())
+            ]
             return plain(
                 {
                     "connected": self._connected, "endpoint": self.endpoint, "why": self._why,
                     "run": self._run or None, "rig": self._car or None, "recording": recording, **self._about,
-                    "channels": [
-                        self._channel(name, heard, now, recording) for name, heard in sorted(self._heard.items())
-                    ],
+                    "channels": channels,
+                    "channels_text": channels_text([one["state"] for one in channels], recording),
                     "steps": [] if self._run else first_steps(self.endpoint, _example(), self._why),
                     "losses": self._ledger.get("losses", {}), "down": self._ledger.get("down", []),
                     "seconds": self._ledger.get("seconds"), "sensors": sensor_states(self._ledger),
@@ -129,7 +133,7 @@ class Live:
             raise UsageError("the recorder did not answer: the run is over, or its link is cut; set the marker again")
         return found[0]
 
-    def _channel(self, name: str, heard: _Heard, now: float, recording: bool) -> dict[str, Any]:
+    def _channel(self, name: str, heard: _Heard, now: float, recording: bool, fault: str) -> dict[str, Any]:
         about = CHANNELS.get(name)
         span = 1e-9 * (heard.blocks[-1][0] - heard.blocks[0][0]) if len(heard.blocks) > 1 else 0.0
         counted = sum(n for _, n, _ in list(heard.blocks)[1:])
@@ -139,7 +143,7 @@ class Live:
         return {
             "name": name, "unit": about.unit if about else "", "rate": rate, "expected": expected, "age": age,
             "samples": heard.samples, "flagged": heard.flagged, "losses": heard.missed,
-            "state": channel_state(age, rate, expected, heard.flagged, heard.missed, recording),
+            "state": channel_state(age, rate, expected, heard.flagged, heard.missed, recording, fault),
         }  # fmt: skip
 
     # -- the thread ---------------------------------------------------------------------------------------------------

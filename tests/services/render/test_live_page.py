@@ -7,7 +7,10 @@ from pathlib import Path
 import pytest
 
 from lacet.daq.bus.session import ROUTER
-from lacet.services.render.live_page import channel_state, first_steps
+from lacet.services.acquisition.live_samples import channel_faults, sensor_states
+from lacet.services.render.live_fit import screen
+from lacet.services.render.live_page import channel_state, channels_text, first_steps
+from lacet.services.workspace.live_follow import nothing_known
 
 
 @pytest.mark.parametrize(
@@ -28,6 +31,42 @@ from lacet.services.render.live_page import channel_state, first_steps
 )
 def test_the_state_of_a_channel(of: tuple[float, float, float, int, int, bool], kind: str, text: str):
     assert channel_state(*of) == {"kind": kind, "text": text}
+
+
+@pytest.mark.parametrize(
+    ("fault", "recording", "kind", "text"),
+    [
+        ("silent", True, "bad", "silent"),  # the recorder says it 0.5 s before the page would
+        ("silent", False, "bad", "silent at the end"),
+        ("stuck", True, "warn", "stuck"),
+        ("clock", False, "warn", "clock at the end"),
+    ],
+)
+def test_a_fault_of_the_sensor_is_the_state_of_its_channel(fault: str, recording: bool, kind: str, text: str):
+    assert channel_state(0.1, 500.0, 500.0, 0, 0, recording, fault) == {"kind": kind, "text": text}
+    assert channel_state(None, None, 500.0, 0, 0, recording, fault)["text"] == "never heard"
+
+
+def test_channels_and_sensors_agree_at_the_end_of_a_run():
+    """One ledger gives the sensors, the channels and the terminal; a channel beside the faulty ones was good."""
+    sensors = {
+        "imu": {"state": "silent", "detail": "nothing for 1.2 s", "channels": ["imu.accel", "imu.rate"]},
+        "lasers": {"state": "running", "detail": "", "channels": []},
+        "cameras": {"state": "waiting", "detail": "", "channels": ["camera.fl"]},
+        "broken": 7,
+    }
+    ledger = {"sensors": sensors}
+    faults = channel_faults(ledger)
+    assert faults == {"imu.accel": "silent", "imu.rate": "silent"}
+    assert channel_faults({}) == channel_faults({"sensors": {"imu": {"state": "silent", "channels": 3}}}) == {}
+    names = ("imu.accel", "imu.rate", "laser.fl.ground")
+    states = [channel_state(3.0, 200.0, 200.0, 0, 0, False, faults.get(name, "")) for name in names]
+    assert channels_text(states, False) == "3 channels, 2 silent at the end"
+    assert channels_text(states[2:], False) == "1 channels, all were as they should be"
+    assert channels_text(states[2:], True) == "1 channels, all as they should be"
+    known = nothing_known(0.02, "") | {"line": "nothing more", "sensors": sensor_states(ledger)}
+    assert "\n  at the end of the run: imu SILENT; lasers;" in screen(known)
+    assert "\n  imu SILENT; lasers;" in screen(known | {"recording": True})
 
 
 def test_what_to_do_where_no_recording_is_heard():

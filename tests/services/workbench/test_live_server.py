@@ -171,6 +171,24 @@ def test_an_earlier_run_that_is_offered_is_not_shown():
     assert live.payload()["run"] == "run-0"
 
 
+def test_after_a_run_its_channels_agree_with_its_sensors():
+    live, keys = Live(None, Events()), Keys("car", "run-1")
+    for name in ("imu.accel", "laser.fl.ground"):
+        live.take(Message(keys, "block", name, 0, block_to_bytes(samples(CHANNELS[name], 1.0, 100.0), 0, "sensor")))
+    sensors = {
+        "imu": {"state": "silent", "detail": "nothing for 1.2 s", "channels": ["imu.accel"]},
+        "laser": {"state": "running", "detail": "", "channels": []},
+    }
+    live.take(Message(keys, "ledger", "", 0, json.dumps({"sensors": sensors}).encode()))
+    live.take(Message(keys, "gone", "", 0, b""))
+    found = live.payload()
+    assert not found["recording"]
+    assert {one["name"]: one["state"]["text"] for one in found["channels"]} == {
+        "imu.accel": "silent at the end", "laser.fl.ground": "was good",
+    }  # fmt: skip
+    assert found["channels_text"] == "2 channels, 1 silent at the end"
+
+
 def test_without_a_recorder_it_says_so(tmp_path: Path):
     app = create_app(Settings(tmp_path / "new", connect=f"tcp/127.0.0.1:{free_port()}"))
     with TestClient(app, base_url=HERE) as client:

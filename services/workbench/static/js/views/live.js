@@ -21,7 +21,7 @@ const MARKS = { good: "✓", warn: "!", bad: "✕" };
  */
 export async function show(root, app) {
   const head = h("p", { class: "live-head", role: "status", text: "Asking for the car …" });
-  const sum = h("p", { class: "live-sum" });
+  const sum = h("p", { class: "live-sum", "data-testid": "live-channels" });
   const body = h("tbody");
   const text = h("input", { type: "text", id: "live-mark", maxlength: 120, placeholder: "slalom begins" });
   const marking = h(
@@ -120,8 +120,7 @@ export async function show(root, app) {
         : live.run
           ? `The run is over: ${named}`
           : "Connected; the car is not recording.";
-      const ill = channels.filter((c) => c.state.kind !== "good").length;
-      sum.textContent = `${live.endpoint ?? ""}: ${channels.length} channels, ${ill ? `${ill} with something wrong` : "all as they should be"}.${lost(live.losses)}${live.down?.length ? ` Not heard at all: ${live.down.join(", ")}.` : ""}`;
+      sum.textContent = `${live.endpoint ?? ""}: ${live.channels_text}.${lost(live.losses)}${live.down?.length ? ` Not heard at all: ${live.down.join(", ")}.` : ""}`;
     }
     listed.hidden = !channels.length;
     drawSteps(live.steps ?? []);
