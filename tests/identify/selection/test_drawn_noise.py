@@ -13,9 +13,9 @@ from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise
 from lacet.identify.selection.score_tests import ScoreTests
-from lacet.identify.validation.noise_floor import NoiseFloor
-from tests.identify.exact_car import KNOWN
-from tests.identify.selection.exact_ranking import CANDIDATES
+from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
+from tests.identify.exact_car import KNOWN, driven, exact_with, fit_of
+from tests.identify.selection.exact_ranking import CANDIDATES, DRAWS
 
 GRIDS = KNOWN["coulomb.front"].grids
 LOW, HIGH = sorted(GRIDS["v0"])[1:3]
@@ -57,6 +57,20 @@ def test_with_an_effect_of_the_grid_it_is_the_same(fitted: Fit, space: ScoreTest
     assert anew.drawn is not space.drawn
     for key, one in anew.best_tests.items():
         assert tests.best_tests[key].drop == pytest.approx(one.drop, rel=1e-2, abs=1e-2), key
+
+
+def test_beside_an_effect_that_changes_all_parameters_it_is_the_same() -> None:
+    """Columns of zeros and tolerances are those of another car: a bar that the first fit has in springs and offsets."""
+    bar = KNOWN["anti_roll_bar.front"]
+    without = fit_of(driven(exact_with(bar, 30e3), 0))
+    first = ScoreTests.of(Linearisation.of(without, floor_of(without, DRAWS)), CANDIDATES, 0)
+    tests = beside(without.with_effect(bar), first)
+    assert tests.drawn is first.drawn
+    k = [fitted.theta[fitted.model.names.index("spring.fl.k")] for fitted in (without, tests.fitted)]
+    assert k[0] > 1.1 * k[1]
+    anew = ScoreTests.of(tests.linearisation, tests.columns.effects, 0)
+    for key, one in anew.best_tests.items():
+        assert tests.best_tests[key].drop == pytest.approx(one.drop, rel=2e-2, abs=5e-2), key
 
 
 def test_between_values_of_a_grid_it_is_interpolated(fitted: Fit, space: ScoreTests) -> None:
