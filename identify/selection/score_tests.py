@@ -137,18 +137,17 @@ class ScoreTests:
     ) -> tuple[RegressorNoise, DrawnNoise]:
         """Noise in the columns without the selected effects, and what it was drawn for."""
         runs, layout, rows = self.linearisation.runs, self.columns.plain_layout, self.floor.sigma
-        places, over_runs = np.append(np.arange(layout.right), self.layout.right), self.sums.over_runs
+        places = np.append(np.arange(layout.right), self.layout.right)
         weighting = replace(self.sums.weighting, layout=layout)
-        energies = {row: rows[row] ** 2 * np.diag(found.columns)[places] for row, found in over_runs.rows.items()}
-        gains = tuple(gain[:, places] for gain in over_runs.zero_gains)
+        gains = tuple(gain[:, places] for gain in self.sums.over_runs.zero_gains)
         if noise is not None and noise.matches(regressor_labels(self.fitted, layout), rows):
-            return noise, next(iter(drawn), DrawnNoise(noise, runs, weighting, gains, energies))
+            return noise, next(iter(drawn), DrawnNoise(noise, runs, weighting, gains))
         for one in drawn:
-            if (known := one.of(runs, layout, energies)) is not None and rows.keys() <= known.sigma.keys():
+            if (known := one.of(runs, layout)) is not None and rows.keys() <= known.sigma.keys():
                 return known, one
         progress(Step(Stage.REGRESSOR_NOISE))
         noise = runs.regressor_noise(weighting, rows, progress)
-        return noise, DrawnNoise(noise, runs, weighting, gains, energies)
+        return noise, DrawnNoise(noise, runs, weighting, gains)
 
     def _noise_products(self, noise_ratio: Mapping[Row, float]) -> Array:
         """(w, w) products of the noise in all columns, rows so many times as noisy."""

@@ -6,13 +6,12 @@ they explain: products of the same draws follow without drawing again.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect, with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sums.linear_fit import FittedModel
@@ -32,20 +31,18 @@ class DrawnNoise:
     runs : a fitted model, and its runs.
     weighting : of its columns.
     zero_gains : for each run (z, w) regression of each column on its zeros.
-    energies : row → (w,) squares of its columns, summed over their samples.
     """
 
     noise: RegressorNoise
     runs: RankedRuns
     weighting: Weighting
     zero_gains: tuple[Array, ...]
-    energies: Mapping[Row, Array]
 
-    def of(self, runs: RankedRuns, layout: Layout, energies: Mapping[Row, Array]) -> RegressorNoise | None:
+    def of(self, runs: RankedRuns, layout: Layout) -> RegressorNoise | None:
         """The noise of another fit to the same runs; None where it has columns that were not drawn, or other runs.
 
         Between the values of a grid columns are interpolated; beyond them none were drawn. Columns of the sensor sheet
-        and of sensor faults depend on the fit's parameters: theirs are scaled as the columns, by `energies` row by row.
+        and of sensor faults, which depend on the fit's parameters, are those of the first fit.
         """
         old, new = self.runs.refittable, runs.refittable
         if old is None or new is None or len(old.runs) != len(new.runs):
@@ -53,15 +50,7 @@ class DrawnNoise:
         if any(a is not b for a, b in zip(old.runs, new.runs, strict=True)):
             return None
         weights = _weights(self.runs.fitted, self.weighting.layout, runs.fitted, layout)
-        if weights is None:
-            return None
-        faults = [trial.place.start for trial in layout.trials if trial.fault]
-        sensors = np.array([*range(layout.model, layout.model + len(layout.sheet)), *faults], np.intp)
-        scales = {row: np.ones(layout.width) for row in energies.keys() & self.energies.keys()}
-        for row, scale in scales.items():
-            before, now = self.energies[row] @ weights[sensors].T, energies[row][sensors]
-            scale[sensors] = np.sqrt(np.divide(now, before, out=np.ones_like(now), where=before > 0.0))
-        return self._eliminated.at(regressor_labels(runs.fitted, layout), weights, scales)
+        return None if weights is None else self._eliminated.at(regressor_labels(runs.fitted, layout), weights)
 
     @cached_property
     def _eliminated(self) -> RegressorNoise:

@@ -136,18 +136,9 @@ class RegressorNoise:
         """Whether it was computed for these columns and rows: stored noise may be that of others."""
         return labels == self.labels and set(rows) <= self.sigma.keys()
 
-    def at(
-        self, labels: tuple[str, ...], weights: Array, scales: Mapping[Row, Array] | None = None
-    ) -> RegressorNoise:  # fmt: skip
-        """The noise of other columns, described by `labels`: combinations (v, w) of these.
-
-        `scales` : row → factor of each column; None for 1.
-        """
-        by_row = {row: scale[:, None] * weights for row, scale in (scales or {}).items()}
-        runs = tuple(
-            replace(run, rows={row: one.at(by_row.get(row, weights)) for row, one in run.rows.items()})
-            for run in self.runs
-        )
+    def at(self, labels: tuple[str, ...], weights: Array) -> RegressorNoise:
+        """The noise of other columns, described by `labels`: combinations (v, w) of these."""
+        runs = tuple(replace(run, rows={row: one.at(weights) for row, one in run.rows.items()}) for run in self.runs)
         return replace(self, labels=labels, runs=runs)
 
     def products(
