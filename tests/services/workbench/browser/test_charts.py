@@ -251,6 +251,9 @@ def test_the_next_run_is_grouped_and_pictured(opened: Opened, pictured: int) -> 
     # a region of two sizes, or a bar each of one size now and after the run
     assert found["pictures"] == 3 - pictured
     assert ("0.50 to 1.50" in found["text"]) == (pictured == 1)
+    if pictured == 2:
+        watch.at("next-picture").locator("canvas").hover()
+        assert watch.at("next-picture").locator("output").inner_text().strip() == "", "an outline has no y of an x"
 
 
 def test_four_surfaces_have_common_axes(opened: Opened) -> None:

@@ -19,6 +19,7 @@ const BOTTOM = 40;
  * @param {{label: string, unit: string, range?: [number, number]}} options.x
  * @param {{label: string, unit: string, range?: [number, number], log?: boolean}} options.y
  * @param {Array<object>} options.items `{kind: "line"|"band"|"level", name, colour, x, y | low, high | value, dash?, marks?}`
+ * @param {boolean} [options.closed] the lines are outlines: there is no y of an x to be read
  * @param {number} [options.height] [px] @param {string} [options.testid]
  * @returns {{update: (options: object) => void, destroy: () => void}}
  */
@@ -60,7 +61,7 @@ export function xyPlot(root, options) {
 
   function move(px) {
     const line = o.items.find((i) => i.kind === "line");
-    if (!line || !sheet.sx) return;
+    if (!line || !sheet.sx || o.closed) return;
     let best = 0;
     for (let k = 1; k < line.x.length; k += 1) {
       if (Math.abs(sheet.sx.to(line.x[k]) - px) < Math.abs(sheet.sx.to(line.x[best]) - px)) best = k;
@@ -150,7 +151,8 @@ function axes(ctx, frame, sx, sy, o) {
     stroke(ctx, x, frame.top, x, frame.bottom);
     ctx.fillText(tick(v, across.step), x, frame.bottom + 5);
   }
-  ctx.fillText(named(o.x), (frame.left + frame.right) / 2, frame.bottom + 22);
+  const middle = (frame.left + frame.right) / 2;
+  ctx.fillText(named(o.x), middle, frame.bottom + 22, 2 * (frame.right + RIGHT - middle)); // narrower where it is long
   ctx.textAlign = "right";
   ctx.textBaseline = "middle";
   for (const [v, text] of upward(sy, frame)) {
@@ -159,10 +161,11 @@ function axes(ctx, frame, sx, sy, o) {
     ctx.fillText(text, frame.left - 5, y);
   }
   ctx.save();
-  ctx.translate(10, (frame.top + frame.bottom) / 2);
+  const centre = (frame.top + frame.bottom) / 2;
+  ctx.translate(10, centre);
   ctx.rotate(-Math.PI / 2);
   ctx.textAlign = "center";
-  ctx.fillText(named(o.y), 0, 0);
+  ctx.fillText(named(o.y), 0, 0, 2 * centre);
   ctx.restore();
 }
 

@@ -101,7 +101,7 @@ export function createNextRun(app) {
     }
     const edge = (points) => ({ x: points.map((p) => p[0]), y: points.map((p) => p[1]) });
     picture = xyPlot(box, {
-      title, height: 240, testid: "next-picture",
+      title, height: 280, testid: "next-picture", closed: true,
       x: { label: `${effects[0]} ÷ its size`, unit: "", range },
       y: { label: `${effects[1]} ÷ its size`, unit: "", range },
       items: [
