@@ -20,6 +20,7 @@ from lacet.services.commands.progress import Line
 from lacet.services.render import effect_text, tables
 from lacet.services.render.model_text import print_model
 from lacet.services.render.row_needs import needs_text, not_recorded_lines
+from lacet.services.render.run_channels import channels_text
 from lacet.services.workspace.effect_list import list_effects
 from lacet.services.workspace.model_tree import find_model, model_info
 
@@ -139,11 +140,7 @@ def _file(path: Path, map: Path | None = None) -> tuple[int, dict[str, Any]]:
         end="",
     )
     print(f"wheel loads {run_.wheel_reference or '?'}, brakes {run_.brakes}")
-    lines = []
-    for name, s in run_.signals.items():
-        rate = (len(s.t) - 1) / (s.t[-1] - s.t[0]) if len(s.t) > 1 else 0.0
-        lines.append([name, str(len(s.t)), f"{rate:.1f}", str(int((~s.usable).sum()))])
-    print(tables.table(["channel", "samples", "Hz", "unusable"], lines))
+    print(channels_text(run_.signals))
     reference = run_.wheel_reference or "contact"
     absent = {row: lacking(row, reference, run_.signals) for row in ROWS}
     if lacks := {row: channels for row, channels in absent.items() if channels}:
