@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -63,7 +64,9 @@ def test_identify_study_and_info_take_a_log_with_a_map(
     file, map_ = car_csv(tmp_path)
     result = tmp_path / "r.json"
     assert main(["info", str(file), "--map", str(map_)]) in (0, 3)
-    assert "wheel.fl.force" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert re.search(r"^  wheel .*\bfl\b.*\bforce\b.* 1750  250.0$", said, re.MULTILINE)
+    assert "unusable samples: none" in said
     assert main(["identify", str(file), "--map", str(map_), "--json", str(result)]) in (0, 3)
     springs = {p["name"]: p["value"] for p in json.loads(result.read_text())["parameters"]}
     assert 10_000 < springs["spring.fl.k"] < 60_000
