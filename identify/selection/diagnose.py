@@ -195,9 +195,9 @@ def diagnose_runs(
         changing = _not_constant(joint, rest, found, progress)
         constant, remains = _without_changing(joint, changing, seed, progress) if changing else (joint, rest)
         if not remains.unlisted:
-            found = [c for c in found if c.key not in constant.parts or c.key in changing]
+            found = [c for c in found if c.key not in constant.parts]
             joint = replace(joint, parts=constant.parts)
-            return _concluded(runs, floor, joint, rest, found, listed, seed, progress, changing=changing)
+            return _concluded(runs, floor, joint, rest, found, listed, seed, progress, not_constant=changing)
         joint, rest = constant, remains
     known = described(joint, rest, seed, progress)
     found = [_as_found(known.beside, effect, first.draws) for effect in known.beside.effects]
@@ -335,16 +335,15 @@ def _confounded(joint: Joint, key: str) -> tuple[Confounded, ...]:
 def _concluded(
     runs: RankedRuns, floor: NoiseFloor, joint: Joint, rest: Rest, found: Sequence[Candidate],
     candidates: Mapping[str, Effect], seed: int, progress: Progress, known: Described | None = None,
-    changing: Mapping[str, ParameterConstancy] | None = None,
+    not_constant: Mapping[str, ParameterConstancy] | None = None,
 ) -> Diagnosis:  # fmt: skip
     """The diagnosis of the effects found and the rest that they leave, of all `candidates`.
 
-    `known` : what is found beside laws that describe what is unlisted, where these were searched; `changing` : tests of
-    the effects that change from run to run, where this was tested.
+    `known` : what is found beside laws that describe what is unlisted, where these were searched; `not_constant` :
+    Chow tests that reject an effect found, where these were made already.
     """
     first = joint.first
     now = first.residual_beside([])
-    not_constant = changing
     if not_constant is None:
         not_constant = _not_constant(*((known.beside, known.beside_rest) if known else (joint, rest)), found, progress)
     found = [c for c in found if c.key not in not_constant]

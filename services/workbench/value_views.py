@@ -29,8 +29,7 @@ def values_payload(study: Study, number: int | None, against: int | None) -> dic
             "version": version.number,
             "against": against,
             "derived": [
-                {**_derived(d), **beside(d, _by_name(other.get("derived")).get(d["name"]))}
-                for d in result.get("derived", [])
+                {**_derived(d), **beside(d, others["derived"].get(d["name"]))} for d in result.get("derived", [])
             ],
             "parameters": [
                 {

@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.selection.chow_test import ParameterConstancy, _compared, chow_test, chow_test_in_model
+from lacet.identify.selection.columns.cross_products import CrossProducts
+from lacet.identify.selection.columns.layout import Layout
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise
 from lacet.identify.selection.diagnose import diagnose
@@ -39,6 +42,14 @@ def fit_of_runs(*sizes: float) -> Fit:
     return fit(MODEL, [run(number, size) for number, size in enumerate(sizes, 1)])
 
 
+def without_products(
+    noise: RegressorNoise, sums: CrossProducts, ratios: object, sigma: object, layout: Layout | None = None
+) -> Array:  # fmt: skip
+    """Products of columns without noise, in place of `RegressorNoise.products`."""
+    del noise, ratios, sigma
+    return np.zeros(((layout or sums.layout).width,) * 2)
+
+
 @pytest.fixture(scope="module")
 def same() -> ScoreTests:
     """Two runs of one car."""
@@ -57,8 +68,7 @@ def test_it_is_dense_least_squares_with_columns_of_each_runs_own(
     same: ScoreTests, key: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """All samples stacked, zeros of each run and what is known beforehand among the unknowns."""
-    none = lambda noise, sums, noise_ratio, sigma, layout=None: np.zeros(((layout or sums.layout).width,) * 2)  # noqa: E731
-    monkeypatch.setattr(RegressorNoise, "products", none)
+    monkeypatch.setattr(RegressorNoise, "products", without_products)
     candidates = {c.key: c for c in same.family_wise(same.try_all())}
     other = candidates["anti_roll_bar.front"]
     said = chow_test(same, candidates[key], [other])
@@ -83,8 +93,7 @@ def test_a_law_in_the_model_is_tried_with_columns_of_each_runs_own(
 
     Effects `selected` beside the fit have common parameters, too.
     """
-    none = lambda noise, sums, noise_ratio, sigma, layout=None: np.zeros(((layout or sums.layout).width,) * 2)  # noqa: E731
-    monkeypatch.setattr(RegressorNoise, "products", none)
+    monkeypatch.setattr(RegressorNoise, "products", without_products)
     fitted = fit(MODEL + CUBIC, [run(number, size) for number, size in ((1, 4e6), (2, 3e6))])
     space = ScoreTests.of(Linearisation.of(fitted, floor_of(fitted, DRAWS)), TRIED[1:], 0)
     beside = [trial for trial in space.layout.trials if trial.effect.key in selected]
