@@ -78,5 +78,5 @@ is a fixed loop in the page, which is slower when the machine is busy; CPU is th
 zoom by a frame drawn with the mouse ("zoom: … to …") that of its six moves, too, which set the cursor in all plots.
 """
 FOOT = """The plots are first drawn from an overview, all channels in one answer; all samples follow in a second one
-([decision](../decisions/channels-on-the-page.md)). Plots more than 400 px out of sight are drawn when the browser is
+([decision](../decisions/page.md)). Plots more than 400 px out of sight are drawn when the browser is
 idle, or when they are scrolled to."""

@@ -1,6 +1,6 @@
 """Usual time of each stage of a job, which the first job of a study is planned with.
 
-Processor time on one machine for three runs of 30 s (`docs/decisions/remaining-time.md`), divided by what it grows
+Processor time on one machine for three runs of 30 s (`docs/decisions/page.md`), divided by what it grows
 with. Ratios matter, not seconds: the stages behind say how fast this machine is with these runs.
 """
 
