@@ -12,7 +12,7 @@ from packaging.specifiers import SpecifierSet
 from lacet.daq.parts import PARTS, absent, install_command
 from lacet.services.machine.finding import Finding, State
 
-TRIED = ("3.11", "3.12", "3.13")
+TRIED = ("3.11", "3.12", "3.13", "3.14")
 """Python versions with which lacet has decoded and fitted a run (docs/install.md)."""
 
 
