@@ -25,8 +25,8 @@ from tests.support.tables import CAR, FILES, piece, written
 PAGE = (ROOT / "docs" / "json.md").read_text(encoding="utf-8")
 
 
-ENTRY = re.compile(r"^- `(?P<keys>[^`]+)`(?: \((?P<type>(?:[^()]|\([^)]*\))*)\))?(?::|$)", re.MULTILINE)
-"""One line of the page: keys, type in round brackets, meaning."""
+ENTRY = re.compile(r"^\| `(?P<keys>[^`]+)` \| (?P<type>[^|]*?) ?\|", re.MULTILINE)
+"""One row of the page's tables: keys, type, meaning."""
 
 TYPES: dict[str, Callable[[Any], bool]] = {
     "string": lambda value: isinstance(value, str),
