@@ -104,13 +104,21 @@ def _stamped(
     """Stamps of every channel by the clock that the rig declares, and the blocks with flags where a clock is wrong."""
     kept = dict(blocks)
     stamps: dict[str, np.ndarray] = {}
+    without: dict[str, None] = {}
     for channel, block in blocks.items():
         sensor = rig.sensor_of(channel) if rig else None
         stamps[channel] = block.t_ns
         if sensor is not None and sensor.clock == "device":
-            stamps[channel], kept[channel] = _on_device_clock(block, problems)
+            if block.device_ns is None:
+                without[sensor.name] = None
+            else:
+                stamps[channel], kept[channel] = _on_device_clock(block, block.device_ns, problems)
         elif sensor is not None and sensor.clock == "steady":
             stamps[channel], kept[channel] = _at_steady_rate(block, problems)
+    if without:
+        problems.append(
+            f"{', '.join(without)}: the rig asks for the device clock, the log has none: stamps are arrivals"
+        )
     return stamps, kept
 
 
@@ -124,17 +132,14 @@ def _rig(name: str, start: StartRecord, problems: list[str]) -> Rig | None:
         return None
 
 
-def _on_device_clock(block: Block, problems: list[str]) -> tuple[np.ndarray, Block]:
+def _on_device_clock(block: Block, device_ns: np.ndarray, problems: list[str]) -> tuple[np.ndarray, Block]:
     """Stamps by the fitted device clock, and the block with flags where that clock is wrong."""
-    if block.device_ns is None:
-        problems.append(f"{block.channel}: the rig asks for the device clock, the log has none: stamps are arrivals")
-        return block.t_ns, block
     # Incomplete samples have no reading of the clock.
     read = np.flatnonzero((block.flags & int(Flag.CHECKSUM | Flag.INCOMPLETE)) == 0)
     if not len(read):
         return block.t_ns, block
     gap = (block.flags[read] & int(Flag.GAP)) != 0
-    fit = fit_clock(block.t_ns[read], block.device_ns[read], gap=gap)
+    fit = fit_clock(block.t_ns[read], device_ns[read], gap=gap)
     t_ns, flags = block.t_ns.copy(), block.flags.copy()
     t_ns[read] = fit.stamps
     wrong, doubtful = read[fit.outliers], read[fit.doubtful]

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import re
+from collections.abc import Container
 from dataclasses import replace
 from pathlib import Path
 
-from lacet.daq.channels import CHANNELS
+from lacet.daq.channels import CHANNELS, COLUMNS
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.maps.channel_map import ChannelMap
@@ -60,10 +62,20 @@ def run(args: argparse.Namespace) -> int:
     for note in found["notes"]:
         print(f"! {note}")
     print(f"{found['log']}: {len(rows)} channels, {found['duration']:.1f} s")
+    if proposed := _proposed(args.map, found["samples"]):
+        print(
+            f"{proposed} proposals are comments in {args.map}: look at them, and remove the # of those that are right"
+        )
     if absent := [key for key in ("vehicle", "rig") if not (getattr(args, key) or map_.metadata.get(key))]:
         print(f"To fit it, name its {' and '.join(absent)} file: in [run] of {args.map} (docs/own-log.md)")
     write_result(args.json, "import", found)
     return WITH_LOSSES if found["notes"] else DONE
+
+
+def _proposed(file: Path, samples: Container[str]) -> int:
+    """How many lines of a map are comments of `lacet map --guess` (doubtful proposals) for channels without samples."""
+    lines = re.findall(r'^# "([\w.]+)" = ', file.read_text(encoding="utf-8"), re.MULTILINE)
+    return sum(column in COLUMNS and COLUMNS[column][0].name not in samples for column in lines)
 
 
 def with_dbc(map_: ChannelMap, files: list[Path]) -> ChannelMap:

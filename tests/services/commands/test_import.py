@@ -201,3 +201,20 @@ def test_j1939_of_a_real_car_s_log(tmp_path: Path) -> None:
     speed = open_run(tmp_path / "lap.mcap").signals["engine.speed"]
     assert len(speed.t) > 100
     assert 500 < speed.values.min() * 30 / 3.1416 < speed.values.max() * 30 / 3.1416 < 4000
+
+
+def test_proposals_kept_as_comments_are_named_and_a_clock_that_a_log_lacks_once_a_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, map_ = car_csv(tmp_path)
+    text = map_.read_text(encoding="utf-8")
+    rare = text.replace('"wheel.fl.force.x" = ', '# "wheel.fl.force.x" = ').replace(
+        '"imu.accel.x" = ', '# "imu.accel.x" = '
+    )
+    assert rare.count('# "') == text.count('# "') + 2
+    map_.write_text(rare + '# "laser.fl.hub" = "x"\n', encoding="utf-8")  # a channel that the map has
+    words = ["import", str(log), "--map", str(map_), "--rig", "peugeot-406", "-o", str(tmp_path / "lap.mcap")]
+    assert main(words) == 3
+    assert f"2 proposals are comments in {map_}: look at them" in capsys.readouterr().out
+    clocks = [one for one in open_run(tmp_path / "lap.mcap").problems if "device clock" in one]
+    assert clocks == ["cameras, imu: the rig asks for the device clock, the log has none: stamps are arrivals"]
