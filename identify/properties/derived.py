@@ -27,6 +27,9 @@ from lacet.identify.validation.prediction_uncertainty import Knowledge, OpenPara
 
 _SEEN = (0.005, 0.995)
 """Quantiles that bound a range covered, so that a few noisy samples do not widen it."""
+_MOVES = 1e-3
+"""Part of a derived value that an effect of a plausible size moves, from which the value depends on it [ratio]: far
+below any interval."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ class Derived:
     """One derived value; `why` is the reason where it is not `determined`.
 
     `half` is half of its 95 % interval from noise and from what the runs leave open; `half_sheet` the same with what
-    the sensor sheet's gains and latencies may add.
+    the sensor sheet's gains and latencies may add. `effects` : keys of those whose sizes it depends on.
     """
 
     name: str
@@ -57,6 +60,7 @@ class Derived:
     half_sheet: float
     determined: bool
     why: OpenParameters | RowMissing | ImpossibleCar | None
+    effects: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -64,13 +68,14 @@ class DamperCurve:
     """A corner's damper force against travel rate over the range covered, at the mean travel.
 
     `rate` (n,) m/s, compression positive; `force` (n,) N, resisting compression; `half` (n,) of the 95 % band;
-    `travel` m.
+    `travel` m; `effects` : keys of those that act on it.
     """
 
     rate: Array
     force: Array
     half: Array
     travel: float
+    effects: tuple[str, ...] = ()
 
 
 def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[Derived]:
@@ -113,7 +118,8 @@ def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[
             blind = next((row for row, at in zip(rows, moved[k] if usable[k] else unseen, strict=True) if at), None)
             why = _not_measured(fitted, name) or (_missing(fitted, blind) if blind else None) or why
         half_sheet = TWO_SIDED_95 * float(with_sheet[k])
-        out.append(Derived(name, float(values[k]), units[k], half, half_sheet, determined, why))
+        moving = _moving(fitted, finite[k], float(values[k]))
+        out.append(Derived(name, float(values[k]), units[k], half, half_sheet, determined, why, moving))
     return [*out, *inseparable_sums(fitted, knowledge)]
 
 
@@ -125,13 +131,23 @@ def inseparable_sums(fitted: Fit, knowledge: Knowledge) -> list[Derived]:
         if one.inseparable:
             which = tuple(i for i, name in enumerate(knowledge.names) if name in one.members)
             why = None if one.determined else knowledge.open_parameters(which)
-            out.append(Derived(one.name, one.value, one.unit, one.half, one.half, one.determined, why))
+            out.append(Derived(one.name, one.value, one.unit, one.half, one.half, one.determined, why, one.keys))
     return out
 
 
 def _values(x: Array, vehicle: Vehicle) -> tuple[list[str], list[str], Array]:
     found = ride_values(CornerNumbers.unpack(x), vehicle)
     return list(found), [unit for _, unit in found.values()], np.array([value for value, _ in found.values()])
+
+
+def _moving(fitted: Fit, slopes: Array, value: float) -> tuple[str, ...]:
+    """Keys of the effects that a value with these slopes (p,) by the parameters depends on."""
+    out: list[str] = []
+    for effect, part in with_places(fitted.model.physics):
+        plausible = np.array([q.prior for q in effect.parameters])
+        if np.any(np.abs(slopes[part]) * plausible > _MOVES * abs(value)):
+            out.append(effect.key)
+    return tuple(out)
 
 
 def _by_parameter(by_number: Array, table: Array) -> Array:
@@ -187,7 +203,7 @@ def damper_curves(fitted: Fit, knowledge: Knowledge, points: int = 41) -> dict[s
         low, high = seen(fitted, row, lambda motion, c=corner: motion.corners[c].rate)
         travel = float(np.mean(np.concatenate([d.kept_motion.corners[corner].travel[d.kept(row)] for d in runs])))
         rate = np.linspace(min(low, 0.0), max(high, 0.0), points)
-        laws = np.zeros((points, len(fitted.physics)))
+        laws, acting = np.zeros((points, len(fitted.physics))), list[str]()
         for effect, part in with_places(fitted.model.physics):
             if isinstance(effect, SuspensionForce):
                 at = {c: np.full(points, travel) for c in CORNERS}
@@ -195,7 +211,9 @@ def damper_curves(fitted: Fit, knowledge: Knowledge, points: int = 41) -> dict[s
                 still = suspension_laws(effect, runs[0].kept_motion, at, dict.fromkeys(CORNERS, np.zeros(points)))
                 if corner in moving:
                     laws[:, part] = (moving[corner] - still[corner]).T
-        out[corner] = DamperCurve(rate, laws @ fitted.physics, TWO_SIDED_95 * knowledge.spread(laws), travel)
+                    acting += [effect.key] if np.any(laws[:, part] != 0.0) else []
+        half = TWO_SIDED_95 * knowledge.spread(laws)
+        out[corner] = DamperCurve(rate, laws @ fitted.physics, half, travel, tuple(acting))
     return out
 
 

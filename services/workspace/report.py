@@ -215,6 +215,7 @@ def _report(session: Session) -> str:
         progress(ServiceStep(ServiceStage.DRAWING_PRESENT_FAILURE))
         pieces += sections.present_model_fails(now, later)
     curves = session.values.damper_curves(now) if now.result.get("derived") else {}
+    curves = {corner: curve for corner, curve in curves.items() if corner in now.result["damper_curves"]}
     parts += [
         sections.where_it_fails(pieces),
         sections.findings(versions, {v.number: study.diagnosis(v.number) for v in versions}),

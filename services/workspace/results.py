@@ -63,11 +63,18 @@ def fit_result(
                     "half95_sheet": d.half_sheet,
                     "identifiable": d.determined,
                     "why": not_derived(d.why),
+                    "effects": list(d.effects),
                 }
                 for d in derived_values(fitted, loaded.vehicle, knowledge)
             ],
             "damper_curves": {
-                corner: {"travel": c.travel, "rate": c.rate, "force": c.force, "half95": c.half}
+                corner: {
+                    "travel": c.travel,
+                    "rate": c.rate,
+                    "force": c.force,
+                    "half95": c.half,
+                    "effects": list(c.effects),
+                }
                 for corner, c in damper_curves(fitted, knowledge).items()
             },
             "ranges": {r.name: {"low": r.low, "high": r.high, "unit": r.unit} for r in ranges(fitted)},
@@ -129,7 +136,7 @@ def open_sizes(before: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -
 
 
 def without_open_sizes(result: Mapping[str, Any], open_at: Mapping[str, Sequence[str]]) -> dict[str, Any]:
-    """A fit's result in which parameters of effects whose size is open are not identified, with the reason.
+    """A fit's result in which parameters of effects whose size is open are not identified, nor what follows from them.
 
     `open_at` : `open_sizes`, which the result keeps.
     """
@@ -139,10 +146,24 @@ def without_open_sizes(result: Mapping[str, Any], open_at: Mapping[str, Sequence
         for p in result["parameters"]
         if p["effect"] in open_at
     ]
+    curves = {
+        corner: curve
+        for corner, curve in result["damper_curves"].items()
+        if not any(key in open_at for key in curve["effects"])
+    }
     return {
         **result, "parameters": still, "not_identifiable": [*result["not_identifiable"], *unknown],
+        "derived": [_without_open_size(d, open_at) for d in result["derived"]], "damper_curves": curves,
         "open_sizes": {key: list(axles) for key, axles in open_at.items()},
     }  # fmt: skip
+
+
+def _without_open_size(derived: Mapping[str, Any], open_at: Mapping[str, Sequence[str]]) -> Mapping[str, Any]:
+    """A derived value, not determined where it depends on an effect whose size is open."""
+    key = next((key for key in derived["effects"] if key in open_at), None)
+    if key is None:
+        return derived
+    return {**derived, "identifiable": False, "why": f"the size of {key} is {open_because(open_at[key])}"}
 
 
 def scores(comparisons: Sequence[Comparison]) -> dict[str, dict[str, Any]]:

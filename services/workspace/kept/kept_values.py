@@ -25,7 +25,7 @@ from lacet.identify.validation.noise_floor import SCORE_DRAWS, NoiseFloor, RunDr
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import Comparison, compare, row_ratios
 from lacet.identify.wheel_loads.known_car import KnownCar
-from lacet.identify.wheel_loads.lack_of_fit import lack_of_fit
+from lacet.identify.wheel_loads.lack_of_fit import known_car
 from lacet.identify.wheel_loads.measured_forces import ComparedForces, compare_forces
 from lacet.services.cache.keys import service_sources
 from lacet.services.progress import TRIAL, AnyStep, ServiceStage, ServiceStep
@@ -178,8 +178,7 @@ class KeptValues:
         """
         held = bool(self.comparisons(version, held=True))
         compared = zip(self.runs.prepared(held), self.comparisons(version, held), strict=True)
-        fitted, knowledge = self.fitted(version), self.knowledge(version)
-        return KnownCar(fitted, lack_of_fit(fitted, knowledge, compared), knowledge=knowledge)
+        return known_car(self.fitted(version), self.knowledge(version), compared)
 
     def forces(self, version: Version) -> list[ComparedForces]:
         """Wheel forces of the runs held out, estimated as if without dynamometers, beside what these measured."""

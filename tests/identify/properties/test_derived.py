@@ -311,6 +311,15 @@ def test_intervals_are_those_of_drawn_parameters(fitted: Fit, knowledge: Knowled
     np.testing.assert_allclose(1.96 * values.std(axis=0)[moving], half[moving], rtol=0.2)
 
 
+def test_a_value_names_the_effects_that_it_depends_on(derived: list[Derived]) -> None:
+    """A front spring rate on that spring alone; the axle's roll stiffness on its bar too, and on nothing behind."""
+    by_name = {one.name: set(one.effects) for one in derived}
+    assert "spring.fl" in by_name["ride_rate.fl"]
+    assert not by_name["ride_rate.fl"] & {"spring.rl", "anti_roll_bar.rear", "damper.fl"}
+    assert {"spring.fl", "spring.fr", "anti_roll_bar.front"} <= by_name["roll_stiffness.front"]
+    assert not by_name["roll_stiffness.front"] & {"spring.rl", "anti_roll_bar.rear", "damper.fl"}
+
+
 def test_damper_curves_and_ranges(fitted: Fit, knowledge: Knowledge, truth: dict[str, Any]) -> None:
     """Linear dampers give straight lines of the true slope over the rates seen; ranges hold what was driven."""
     for corner, curve in damper_curves(fitted, knowledge).items():

@@ -80,7 +80,15 @@ def test_a_size_that_a_diagnosis_leaves_open_is_no_number_in_the_versions_made_a
 
     def result(self: KeptValues, version: Version) -> dict[str, Any]:
         found = [{"name": name, "effect": key, "value": 9500.0, "half95": 1.0} for key, name in parts]
-        return {**NO_ROWS, "parameters": [p for p in found if p["effect"] in version.effects], "not_identifiable": []}
+        derived = [
+            {"name": name, "value": 1.0, "identifiable": True, "why": None, "effects": effects}
+            for name, effects in (("roll_stiffness.rear", ["spring.rl", BARS[1]]), ("ride_rate.rl", ["spring.rl"]))
+        ]
+        curves = {"rl": {"effects": ["damper.rl", BARS[1]]}, "fl": {"effects": ["damper.fl"]}}
+        return {
+            **NO_ROWS, "parameters": [p for p in found if p["effect"] in version.effects], "not_identifiable": [],
+            "derived": derived, "damper_curves": curves,
+        }  # fmt: skip
 
     def diagnosed(unlisted: bool, *open_keys: str) -> None:
         session.study.record_diagnosis(
@@ -95,6 +103,10 @@ def test_a_size_that_a_diagnosis_leaves_open_is_no_number_in_the_versions_made_a
     assert now["parameters"] == []
     why = "its size is open: the bench table of the rear axle is not known, and something unlisted remains there"
     assert [(p["name"], p["why"]) for p in now["not_identifiable"]] == [(name, why) for _, name in parts]
+    of_axle, of_wheel = now["derived"]
+    assert (of_axle["identifiable"], of_axle["why"]) == (False, f"the size of {BARS[1]}{why.removeprefix('its size')}")
+    assert of_wheel["identifiable"]
+    assert list(now["damper_curves"]) == ["fl"]
     diagnosed(True)
     assert session.record(session.study.version().effects, "again").result["parameters"] == []
     diagnosed(False)
