@@ -40,7 +40,7 @@ def estimate_forces(car: KnownCar, run: PreparedRun, changes: Changes = NOTHING,
         Instants(car, piece, rows, changes, np.random.default_rng([seed, number])).solved()
         for number, piece in enumerate(hidden.pieces())
     ]
-    band, constants = _of_all(pieces)
+    band, constants = _of_all(car, pieces)
     recording = hidden.recording
     return EstimatedForces(
         recording.run, np.concatenate([piece.t for piece in pieces]), _forces(pieces, band), recording.reference, rows,
@@ -57,12 +57,13 @@ class _Band:
     parts: Mapping[str, Array]
 
 
-def _of_all(pieces: Sequence[Solved]) -> tuple[_Band, tuple[RunConstant, ...]]:
-    """The forces of all pieces with the run's constants, which all of them together say."""
+def _of_all(car: KnownCar, pieces: Sequence[Solved]) -> tuple[_Band, tuple[RunConstant, ...]]:
+    """The forces of all pieces with the run's constants, which all of them and the study's runs together say."""
     constants = pieces[0].constants
-    normal = np.eye(len(constants)) + np.sum([piece.normal for piece in pieces], axis=0)
+    known, side = car.said_by_study([one.of_study for one in constants])
+    normal = np.eye(len(constants)) + known + np.sum([piece.normal for piece in pieces], axis=0)
     covariance = np.asarray(np.linalg.inv(normal), float)
-    found = covariance @ np.sum([piece.right for piece in pieces], axis=0)
+    found = covariance @ (side + np.sum([piece.right for piece in pieces], axis=0))
     value = np.concatenate([piece.value + piece.slopes @ found for piece in pieces])
     count, total = len(value), np.concatenate([_spread(piece, covariance) for piece in pieces])
     # The part of a kind of constants: what the variance would lose if they were known.

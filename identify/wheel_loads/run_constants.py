@@ -17,7 +17,7 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.sensor_offsets import zeros_of
 from lacet.identify.regression.tolerances import ASSUMED as NOT_MEASURED
-from lacet.identify.regression.tolerances import entry_name, sheet_entries, sheet_responses
+from lacet.identify.regression.tolerances import SheetEntry, sheet_entries, sheet_responses
 from lacet.identify.signals.decimation import decimated
 from lacet.identify.wheel_loads.known_car import Changes, KnownCar
 from lacet.identify.wheel_loads.settings import NEW_OFFSET, PASSING
@@ -26,16 +26,22 @@ from lacet.identify.wheel_loads.without_dynamometers import LOADS
 
 ASSUMED = "assumed"
 """Kind of the constants that are assumed."""
+INSTRUMENTS = "gains and latencies"
+"""Kind of the errors of the run's and of the study's instruments."""
 
 
 @dataclass(frozen=True)
 class Constant:
-    """A constant of a run: its `name` and `kind`; `mean` and `sigma` before the run is seen, in its unit."""
+    """A constant of a run: its `name` and `kind`; `mean` and `sigma` before the run is seen, in its unit.
+
+    `of_study` : entry of the study's sensor sheet that it is the error of.
+    """
 
     name: str
     kind: str
     sigma: float
     mean: float = 0.0
+    of_study: SheetEntry | None = None
 
 
 @dataclass(frozen=True)
@@ -86,19 +92,23 @@ def constants_of(
     parts = [-dense(run, rows, zeros.columns, len(zeros.names)) * zeros.sigma]
     responses = sheet_responses(run, own)
     channels = [name for name in recording.signals.value if name not in LOADS]
-    physics, same = car.fitted.model.physics, car.same_instruments(recording.rig)
+    physics = car.fitted.model.physics
     per_parameter = {row: run.matrix(physics, row) for row in run.rows}
+
+    def of_parameters(moved: Array) -> dict[Row, Array]:
+        return {row: matrix @ moved for row, matrix in per_parameter.items()}
+
     entries = sheet_entries(recording.rig, channels, recording.assumptions)
-    for entry in entries:
-        columns = {row: -series[:, None] for row, series in responses.get(entry, {}).items()}
-        if entry in same:
-            by_study = {row: (matrix @ same[entry])[:, None] for row, matrix in per_parameter.items()}
-            columns = {row: columns.get(row, 0.0) + series for row, series in by_study.items()}
+    for error in car.instrument_errors(recording.rig, entries):
+        columns = of_parameters(error.moved[:, None])
+        if error.here is not None:
+            for row, series in responses.get(error.here, {}).items():
+                columns[row] = columns.get(row, 0.0) - series[:, None]
         parts.append(dense(run, rows, columns, 1))
-        kind = "channels not measured" if entry[0] == NOT_MEASURED else "gains and latencies"
-        constants.append(Constant(entry_name(entry, recording.rig), kind, 1.0))
-    errors = car.parameter_errors([entry for entry in entries if entry in same])
-    parts.append(dense(run, rows, {row: matrix @ errors for row, matrix in per_parameter.items()}, errors.shape[1]))
+        kind = "channels not measured" if error.here is not None and error.here[0] == NOT_MEASURED else INSTRUMENTS
+        constants.append(Constant(error.name, kind, 1.0, of_study=error.of_study))
+    errors = car.parameter_errors
+    parts.append(dense(run, rows, of_parameters(errors), errors.shape[1]))
     constants += [Constant(f"parameters {k + 1}", "parameters", 1.0) for k in range(errors.shape[1])]
     further = [replace(one, change=one.change * np.sqrt(1.0 - PASSING)) for one in assumed]
     motion = run.motion

@@ -22,14 +22,19 @@ class Assumptions:
     """Assumed properties of the forces between tyre and road, mean and 1 σ.
 
     Sources: H. B. Pacejka, Tyre and Vehicle Dynamics, 2012, chapters 1 and 4 (trail, rolling resistance, side force
-    against load); W. F. Milliken and D. L. Milliken, Race Car Vehicle Dynamics, 1995, chapter 2.
+    against load); W. F. Milliken and D. L. Milliken, Race Car Vehicle Dynamics, 1995, chapter 2. Rolling resistance of
+    new passenger tyres at 25 °C: 0.0065 to 0.0105 and more (Regulation (EU) 2020/740, classes A to E), about 0.010 on
+    the mean, 0.007 to 0.017 (Transportation Research Board, Special Report 286, 2006); 0.8 % more per kelvin below (UN
+    Regulation 117, annex 6). Released disc brakes: up to 69 N at the wheel bolts, 4 N·m (service manual, Mitsubishi
+    Eclipse, 1997).
 
     Attributes
     ----------
     trail : pneumatic trail of a tyre [m].
     shift : the load's distance to the left of the wheel's plane [m].
-    rolling : coefficient of rolling resistance, the same for a set of tyres: 0.0115 ± 0.0025, and 0.0015 for released
-        brakes that drag; `rolling_own` : what a wheel differs by.
+    rolling : coefficient of rolling resistance, the same for a set of tyres; `rolling_own` : what a wheel differs by,
+        5 %: pressure and temperature.
+    brake_drag : torque of a released brake that is not measured [N·m]: any between 0 and 4, of each by itself.
     radius : error of the loaded radius where the ground is measured [m]; `radius_unmeasured` : where it is not.
     toe : half of the difference of lateral forces left and right of an axle that toe and camber make [N].
     proportion : the same, as a part of the axle's lateral force, beyond its division in proportion to vertical loads.
@@ -44,8 +49,9 @@ class Assumptions:
 
     trail: Tolerance = Tolerance(0.025, 0.015)
     shift: Tolerance = Tolerance(0.0, 0.005)
-    rolling: Tolerance = Tolerance(0.013, 0.003)
-    rolling_own: Tolerance = Tolerance(0.0, 0.0015)
+    rolling: Tolerance = Tolerance(0.0115, 0.0025)
+    rolling_own: Tolerance = Tolerance(0.0, 0.0006)
+    brake_drag: Tolerance = Tolerance(2.0, 1.15)
     radius: Tolerance = Tolerance(0.0, 0.002)
     radius_unmeasured: Tolerance = Tolerance(0.0, 0.008)
     toe: Tolerance = Tolerance(0.0, 150.0)

@@ -61,10 +61,14 @@ class AxleDifference:
 
 @dataclass(frozen=True)
 class WheelLoad:
-    """Force [N] and moment about the wheel centre [N·m] of a wheel in body axes, (3, N) each."""
+    """Force [N] and moment about the wheel centre [N·m] of a wheel in body axes, (3, N) each.
+
+    `brake` : torque of the brake on it that is not measured, positive against rolling forward; (N,) or 0 [N·m].
+    """
 
     force: Array
     moment: Array
+    brake: Array | float = 0.0
 
 
 WheelLoads = Mapping[str, WheelLoad]
@@ -173,7 +177,9 @@ class TyreContact:
         return out
 
     def constant(self) -> WheelLoads:
-        """Loads that do not depend on the unknowns: weight, inertia and gyroscopic moment outboard of a transducer."""
+        """Loads that do not depend on the unknowns: weight, inertia and gyroscopic moment outboard of a transducer, and
+        released brakes that drag.
+        """
         zero = np.zeros_like(next(iter(self.axes.values())).z)
         out: dict[str, WheelLoad] = {}
         for c in CORNERS:
@@ -181,7 +187,17 @@ class TyreContact:
             if mass := self.outboard.get(c, 0.0):
                 moment = mass * cross(self.axes[c].arm, self.motion.corners[c].centre_accel)
                 moment = moment + self.assumed.spin_inertia.mean * self._spin_moment(c)
-            out[c] = WheelLoad(zero, moment)
+            out[c] = WheelLoad(zero, moment, self.assumed.brake_drag.mean * self._drags[c])
+        return out
+
+    @cached_property
+    def _drags(self) -> dict[str, Array]:
+        """Corner → (N,) sign of the torque of a released brake, 0 where a measured torque contains it."""
+        out: dict[str, Array] = {}
+        for c, wheel in self.motion.corners.items():
+            inboard = self.vehicle[c].brakes == "inboard"
+            measured = {f"brake.{c}.torque", *([f"shaft.{c}.torque"] if inboard else [])} & self.motion.channels
+            out[c] = np.zeros_like(wheel.spin) if measured else np.tanh(wheel.spin)
         return out
 
     def _spin_moment(self, c: str) -> Array:
@@ -196,7 +212,8 @@ class TyreContact:
         out = dict(self.constant())
         for part, value in zip(self.per_unit(), values, strict=True):
             for c, load in part.items():
-                out[c] = WheelLoad(out[c].force + load.force * value, out[c].moment + load.moment * value)
+                force, moment = out[c].force + load.force * value, out[c].moment + load.moment * value
+                out[c] = replace(out[c], force=force, moment=moment)
         return out
 
     def assumptions(self, values: Array, grounds: Sequence[str]) -> list[Assumed]:
@@ -232,6 +249,7 @@ class TyreContact:
                 add(f"trail, {c}", size.trail, {c: WheelLoad(none, -axes.z * lateral)})
                 add(f"shift of load, {c}", size.shift, {c: WheelLoad(none, axes.x * z)})
                 add(f"rolling resistance, {c}", size.rolling_own, {c: resistance[c]})
+                add(f"released brake, {c}", size.brake_drag, {c: WheelLoad(none, none, self._drags[c])})
                 add(f"loaded radius, {c}", radius, {c: WheelLoad(none, cross(axes.down, force))})
                 if self.outboard.get(c):
                     spin = WheelLoad(none, self._spin_moment(c))
@@ -254,9 +272,15 @@ def with_loads(motion: Motion, loads: WheelLoads, torques: bool = True) -> Motio
     corners: dict[str, CornerMotion] = {}
     for c, wheel in motion.corners.items():
         zero = np.zeros_like(wheel.normal)
-        load = loads.get(c, WheelLoad(zero, zero))
-        still = {} if torques else {"torque": zero[0], "torque_work": zero[0]}
-        if not torques and wheel.other_torque_work is not None:
-            still["other_torque_work"] = zero[0]
-        corners[c] = replace(wheel, force=load.force, moment=load.moment, **still)
+        load, kept = loads.get(c, WheelLoad(zero, zero)), 1.0 if torques else 0.0
+        # Where the half-shaft's torque is eliminated from a suspension row, the brake's stands in its place.
+        slope = dot(wheel.spin_axis, wheel.dphi_ds - wheel.wheel_dphi_ds)
+        by_other = wheel.other_torque_work
+        if by_other is not None and wheel.other_dphi_ds is not None and wheel.other_wheel_dphi_ds is not None:
+            other_slope = dot(wheel.spin_axis, wheel.other_dphi_ds - wheel.other_wheel_dphi_ds)
+            by_other = kept * by_other + other_slope * load.brake
+        corners[c] = replace(
+            wheel, force=load.force, moment=load.moment, torque=kept * wheel.torque - load.brake,
+            torque_work=kept * wheel.torque_work + slope * load.brake, other_torque_work=by_other,
+        )  # fmt: skip
     return replace(motion, corners=corners)

@@ -22,8 +22,8 @@ from lacet.identify.validation.noise_floor import SCORE_DRAWS, NoiseFloor, floor
 from lacet.identify.validation.parameter_estimates import Estimate, estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import compare
-from lacet.identify.wheel_loads.known_car import Changes, KnownCar
-from lacet.identify.wheel_loads.lack_of_fit import lack_of_fit
+from lacet.identify.wheel_loads.known_car import Changes
+from lacet.identify.wheel_loads.lack_of_fit import known_car
 from lacet.identify.wheel_loads.observer import estimate_forces
 from lacet.identify.wheel_loads.outputs import EstimatedForces
 from lacet.services.library.display import html_table, shortened
@@ -158,8 +158,7 @@ class Fit:
             read = replace(open_log(Path(run), None), wheel_reference=loaded.reference)
             drive = PreparedRun.of(read, loaded.vehicle, loaded.rig, recording.filters)
             compared = [(one, compare(self.details, one, SCORE_DRAWS)) for one in held or self.runs]
-            lack = lack_of_fit(self.details, self.knowledge, compared)
-            car = KnownCar(self.details, lack, knowledge=self.knowledge)
+            car = known_car(self.details, self.knowledge, compared)
             return estimate_forces(car, drive, Changes(*mass, rest))
 
     def summary(self) -> str:

@@ -65,7 +65,39 @@ def test_what_is_assumed_changes_no_force_of_an_axle() -> None:
         np.testing.assert_allclose(forces_of(with_loads(motion, one.loads)), 0.0, atol=1e-8, err_msg=one.name)
         assert one.sigma > 0.0
         assert np.any(contact.in_rows(one.loads, ROWS) != 0.0), one.name
-    assert len(names) == 1 + 5 * len(AXLES) + 4 * len(CORNERS)
+    assert len(names) == 1 + 5 * len(AXLES) + 5 * len(CORNERS)
+
+
+def test_a_released_brake_drags_on_its_wheel_and_on_no_chassis_row() -> None:
+    """In a suspension row without the half-shaft's torque, which the spin row gave, it stands with the wheel's turning
+    per travel, of the axle's other wheel as well.
+    """
+    vehicle = cars.with_joints(VEHICLE)
+    driven = replace(vehicle, corners={c: replace(one, driven=True) for c, one in vehicle.corners.items()})
+    motion = build_motion(cars.recording(cars.random_signals(11), driven, RIG))
+    contact = TyreContact(motion, driven.corners, STANDARD, {})
+    wheel, drag = motion.corners["fl"], np.tanh(motion.corners["fl"].spin)
+    brake = next(
+        one for one in contact.assumptions(np.ones((8, motion.t.size)), ()) if one.name == "released brake, fl"
+    )
+    in_rows = dict(zip(motion.rows, contact.in_rows(brake.loads, motion.rows), strict=True))
+    assert wheel.other_dphi_ds is not None
+    turning = {Row("spin.fl"): -1.0, Row("suspension.fl"): dot(wheel.spin_axis, wheel.dphi_ds)}
+    turning[Row("suspension.fr")] = dot(wheel.spin_axis, wheel.other_dphi_ds)
+    for row, change in in_rows.items():
+        np.testing.assert_allclose(change, turning.get(row, 0.0) * drag, atol=1e-12, err_msg=str(row))
+    assert np.all(np.abs(in_rows[Row("suspension.fr")]) > 0.01)
+    constant = contact.in_rows(contact.constant(), ROWS)
+    np.testing.assert_allclose(constant[ROWS.index(Row("spin.fl"))], -STANDARD.brake_drag.mean * drag)
+
+
+def test_a_measured_brake_torque_contains_the_drag() -> None:
+    signals = cars.random_signals(12)
+    measured = {f"brake.{c}.torque": np.full((1, 40), 50.0) for c in CORNERS}
+    signals = replace(signals, value={**signals.value, **measured})
+    motion = build_motion(cars.recording(signals, VEHICLE, RIG, brakes="on"))
+    contact = TyreContact(motion, VEHICLE.corners, STANDARD, {})
+    np.testing.assert_allclose(contact.in_rows(contact.constant(), ROWS), 0.0, atol=1e-12)
 
 
 def test_a_mass_at_a_wheel_is_a_body_in_every_row() -> None:

@@ -71,7 +71,7 @@ def test_the_band_of_a_force_is_narrower_where_the_run_has_the_studys_instrument
     own = estimate_forces(car, hidden(drives()[0]))[FORCE]
     text = RIG.text.replace('"laser.hub.gain" = 0.002', '"laser.hub.gain" = 0.0020001')
     other = Rig.parse(text, "other instruments")
-    assert LASER in car.same_instruments(RIG)
-    assert LASER not in car.same_instruments(other)
+    assert [(e.of_study, e.here) for e in car.instrument_errors(RIG, [LASER]) if e.here] == [(LASER, LASER)]
+    assert [(e.of_study, e.here) for e in car.instrument_errors(other, [LASER]) if e.here] == [(None, LASER)]
     apart = estimate_forces(car, hidden(drives()[0], other))[FORCE]
     assert np.nanmean(own.half95) < 0.9 * np.nanmean(apart.half95)
