@@ -49,7 +49,7 @@ def known_car(fitted: Fit, knowledge: Knowledge, compared: Iterable[tuple[Prepar
         normal, right = normal + own, right + side
     late = [i for i, entry in enumerate(entries, q) if entry[0] == "latency"]
     others = [i for i in range(k) if i not in late]
-    prior = np.diag([_FREE if i < q else 1.0 for i in others])
+    prior = np.diag(np.where(np.array(others) < q, _FREE, 1.0))
     between = normal[np.ix_(others, late)]
     taken = np.linalg.solve(normal[np.ix_(others, others)] + prior, np.column_stack([between, right[others]]))
     instruments = Instruments(
