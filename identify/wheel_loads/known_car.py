@@ -101,15 +101,15 @@ class KnownCar:
         spring that came out too soft by a laser's gain acts on a travel that is too large by it. An instrument is the
         same where both rig files have the same entry of it.
         """
-        fitted, left = self.fitted, dict.fromkeys(entries)
+        fitted, own_entries = self.fitted, dict.fromkeys(entries)
         own, size = fitted.runs[0].recording.rig, fitted.model.physics_size
         out: list[InstrumentError] = []
         for entry, moved in fitted.sheet_moves.items():
-            here = next((e for e in left if _same(own, entry, rig, e)), None)
+            here = next((e for e in own_entries if _same(own, entry, rig, e)), None)
             if here is not None:
-                del left[here]
+                del own_entries[here]
             out.append(InstrumentError(fitted.entry_name(entry), entry, here, moved[:size]))
-        return [*out, *(InstrumentError(entry_name(e, rig), None, e, np.zeros(size)) for e in left)]
+        return [*out, *(InstrumentError(entry_name(e, rig), None, e, np.zeros(size)) for e in own_entries)]
 
     def said_by_study(self, entries: Sequence[SheetEntry | None]) -> tuple[Array, Array]:
         """(q, q), (q,) normal matrix and right side by which the study's runs say something of constants of a run.

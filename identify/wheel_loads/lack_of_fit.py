@@ -18,8 +18,8 @@ from lacet.identify.validation.score import Comparison
 from lacet.identify.wheel_loads.known_car import Instruments, KnownCar, parameter_errors
 
 _FREE = 1e-6
-"""Strength of the prior of the parameters' errors, of which the instruments must not be told anything: a fit's residual
-is orthogonal to its columns at its own weights only."""
+"""Strength of the prior of the parameters' errors in what the runs say of instruments: nearly none, as a fit's residual
+is orthogonal to its columns at the fit's own weights only."""
 
 
 def known_car(fitted: Fit, knowledge: Knowledge, compared: Iterable[tuple[PreparedRun, Comparison]]) -> KnownCar:
