@@ -53,7 +53,7 @@ def known_car(fitted: Fit, knowledge: Knowledge, compared: Iterable[tuple[Prepar
     between = normal[np.ix_(others, late)]
     taken = np.linalg.solve(normal[np.ix_(others, others)] + prior, np.column_stack([between, right[others]]))
     instruments = Instruments(
-        tuple(entries[i - q] for i in late),
+        tuple(entry for entry in entries if entry[0] == "latency"),
         normal[np.ix_(late, late)] - between.T @ taken[:, :-1],
         right[late] - between.T @ taken[:, -1],
     )
