@@ -254,8 +254,8 @@ def test_links_between_pages_lead_somewhere(page):
 
 LONGEST = 1600
 """Words of prose that a page may have: beyond, nobody finds an answer in a minute. Source: a choice."""
-ALL_READ = 27_000
-"""The same of all pages that are read, and not looked up in, together: two hours. Source: a choice."""
+ALL_READ = 21_000
+"""The same of all pages that are read, and not looked up in, together: an hour and three quarters. Source: a choice."""
 LOOKED_UP = ("reference", "benchmarks", "wires")
 """Folders of pages that are looked up in; so are the pages that index.md lists as reference, and the glossary."""
 COLLECTIONS = ("CHANGELOG.md", "docs/catalogue.md", "docs/glossary.md", "docs/json.md")
@@ -275,7 +275,7 @@ def test_pages_are_short():
     assert {page for page in long if page not in COLLECTIONS and "reference" not in page} == set()
 
 
-def test_all_pages_that_are_read_take_two_hours():
+def test_all_pages_that_are_read_take_less_than_two_hours():
     looked_up = re.split(r"^\*\*Reference\*\*|^\*\*Terms\*\*", read("docs/index.md"), flags=re.MULTILINE)[1]
     names = {HOME / "docs" / name for name in re.findall(r"\]\(([\w-]+\.md)\)", looked_up)}
     assert HOME / "docs" / "json.md" in names
