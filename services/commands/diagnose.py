@@ -25,7 +25,7 @@ HELP = "find out which physical effect is missing"
 DESCRIPTION = """\
 Try every effect of the catalogue, and every sensor fault, on top of the study's present model, and rank them by how
 much of the error it takes away from parts of the runs it was not fitted to. All that are missing are searched
-together: one is named only when simulated runs that lack it never look like that. Each effect gets one answer:
+together: one is named only when simulated runs that lack it hardly ever look like that. Each effect gets one answer:
 missing, stands in for one that is, implausible size, smaller than asked for, not needed, or not testable with these
 runs (undecided: it could be in the place of one found). What remains beside the names, and is not listed, is reported
 with its rows. Held-out runs are not looked at.
