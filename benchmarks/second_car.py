@@ -14,6 +14,8 @@ from __future__ import annotations
 
 import argparse
 import functools
+import operator
+import time
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -23,7 +25,8 @@ import numpy as np
 
 import lacet
 from lacet.daq.channels import CORNERS
-from lacet.identify.effects.base import PhysicalEffect
+from lacet.identify.effects.base import AXLES, PhysicalEffect
+from lacet.identify.effects.unknown_table import SLOPES, table_terms
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.services.commands.__main__ import main as command
 from lacet.services.render.tables import table
@@ -49,6 +52,10 @@ BEYOND = ("spring_quadratic.rear", "damper_stroke.front", "damper_stroke.rear")
 """Further effects of runs without noise: wheel rates and ratios of levers that change with the travel."""
 TABLES = ("joints", "bump", "none")
 SETTINGS = ("duration=12", "sinus.amplitude=0.03")
+DIAGNOSED = ("sinus", "rough", "spiral")
+"""Manoeuvres of 20 s that a diagnosis is made of."""
+LAWS = (*(key for step in ADDED.values() for key in step), "damper_mount.front", "damper_mount.rear")
+"""Effects that the mechanism has and the base model lacks."""
 
 
 def drive(car: str, folder: Path, *more: str) -> None:
@@ -126,6 +133,37 @@ def noise_free(car: str, folder: Path) -> None:
         names = [parameter.name for effect in effects for parameter in effect.parameters]
         wanted = ("spring", "anti_roll_bar", "damper.", "axle_damping", "tyre_stiffness")
         print(", ".join(f"{k} {v:.5g}" for k, v in zip(names, values, strict=True) if k.startswith(wanted)))
+
+
+def unknown_tables(car: str, folder: Path, seed: int) -> None:
+    """Without tables: the laws by what the model has of the tables, and what is missing beside all terms of them."""
+    own = folder / f"diagnosed-{seed}"
+    if not (own / f"{DIAGNOSED[-1]}.parquet").exists():
+        words = ["simulate", "--rig", RIG, "--car", car, "--seed", str(seed), "--format", "parquet", "-o", str(own)]
+        words += ["--set", "duration=20", *(word for name in DIAGNOSED for word in ("--manoeuvre", name))]
+        if command(words):
+            raise SystemExit(f"{car}: not simulated")
+    vehicle = own / "tables-none.toml"
+    vehicle.write_text(with_tables((own / f"{car}.toml").read_text(encoding="utf-8"), "none"), encoding="utf-8")
+    runs = lacet.load_runs(*(own / f"{name}.parquet" for name in DIAGNOSED), rig=RIG, vehicle=vehicle)
+    known, base = lacet.catalogue(runs), lacet.base_model(runs)
+    terms = [term for axle in AXLES for term in table_terms(axle)]
+    steps = {"nothing": [], "slopes": [one for one in terms if isinstance(one, SLOPES)], "all terms": terms}
+    cells: dict[str, list[str]] = {key: [key] for key in LAWS}
+    for more in steps.values():
+        fitted = lacet.fit(functools.reduce(operator.add, [*(known[key] for key in LAWS), *more], base), runs)
+        for key in LAWS:
+            (name,) = [q.name for q in known[key].parameters]
+            half = 1.96 * np.sqrt((fitted.details.covariance + fitted.details.covariance_sheet).diagonal())
+            at = fitted.details.model.names.index(name)
+            cells[key].append(f"{fitted.details.theta[at]:.0f} ± {half[at]:.0f}")
+    print(f"\n{car}, no tables, seed {seed}: laws beside what the model has of the tables")
+    print(table(["law", *steps], list(cells.values())))
+    there = {term.key for term in terms}
+    effects = [effect for key, effect in known.items() if not effect.base and key not in there]
+    began = time.process_time()
+    ranked = lacet.rank(lacet.fit(functools.reduce(operator.add, terms, base), runs), effects)
+    print(f"beside all terms, {time.process_time() - began:.0f} s of processor time: {ranked.explain()}")
 
 
 def _without(text: str, part: str) -> str:
@@ -207,7 +245,8 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, required=True, help="for the runs")
     parser.add_argument("--car", action="append", choices=CARS, help="default: all")
     parser.add_argument("--table", action="append", choices=TABLES, help="bench tables of the fits; default: each")
-    parser.add_argument("--only", choices=("fits", "terms", "noise-free"), help="one part")
+    parser.add_argument("--only", choices=("fits", "terms", "noise-free", "no-tables"), help="one part")
+    parser.add_argument("--seed", type=int, default=1, help="of the runs of no-tables")
     args = parser.parse_args()
     for car in args.car or CARS:
         if args.only in (None, "fits"):
@@ -216,6 +255,8 @@ def main() -> None:
                 fits(car, args.folder / car, tables)
         if args.only in (None, "noise-free"):
             noise_free(car, args.folder / car)
+        if args.only in (None, "no-tables"):
+            unknown_tables(car, args.folder / car, args.seed)
         if args.only in (None, "terms"):
             for name, settings in (("sinus", {"amplitude": 0.03}), ("rough", {})):
                 motion = run(SecondCar.named(car), make_manoeuvre(name, duration=4.0, **settings), seed=5, settle=1.0)
