@@ -39,7 +39,7 @@ help:
 	@echo 'make blind         docs/benchmarks/blind.md anew: effects hidden and found, or not (hours; goes on where it was cut off)   (PROCESSES=4: four at a time, 3 GB each)'
 	@echo 'make fresh         docs/benchmarks/fresh.md anew: fresh cars with up to eight effects at once (a day; goes on where it was cut off)   (ARGS="--set test")'
 	@echo 'make second-car-seeds  docs/benchmarks/second-car-seeds.md anew: the paper on the car on linkages, 20 seeds (hours; goes on where it was cut off)'
-	@echo 'make second-car    the tables of docs/benchmarks/second-car.md anew: fits of the car on linkages (20 minutes; ARGS="--only terms")'
+	@echo 'make second-car    the tables of docs/benchmarks/second-car.md anew: fits of the car on linkages (half an hour; ARGS="--only terms")'
 	@echo 'make laws          docs/benchmarks/laws.md anew: laws nobody listed, hidden and found (half an hour)   (ARGS="--set test")'
 	@echo 'make campaign      docs/benchmarks/campaign.md anew: 1, 10, 100 and 1,000 runs on two workers (half an hour)'
 	@echo 'make catalogue     docs/catalogue.md and its pictures anew'

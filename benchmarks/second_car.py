@@ -255,7 +255,7 @@ def main() -> None:
                 fits(car, args.folder / car, tables)
         if args.only in (None, "noise-free"):
             noise_free(car, args.folder / car)
-        if args.only in (None, "no-tables"):
+        if args.only == "no-tables" or (args.only is None and car == CARS[0]):
             unknown_tables(car, args.folder / car, args.seed)
         if args.only in (None, "terms"):
             for name, settings in (("sinus", {"amplitude": 0.03}), ("rough", {})):
