@@ -58,6 +58,7 @@ from lacet.identify.selection.joint.wrong_tables import axles_without_tables, co
 from lacet.identify.selection.laws.described import Described, described
 from lacet.identify.selection.laws.encompassing import only_encompassing
 from lacet.identify.selection.laws.formulas import Formula, propose
+from lacet.identify.selection.laws.one_for_several import explained_by_one
 from lacet.identify.selection.relinearisation import latencies_beside, relinearised_tests
 from lacet.identify.selection.rest import Rest
 from lacet.identify.selection.score_tests import ScoreTests
@@ -193,12 +194,14 @@ def diagnose_runs(
     if not rest.unlisted:
         found = [_as_found(joint, effect, draws=first.draws) for effect in joint.effects]
         changing = _not_constant(joint, rest, found, progress)
-        constant, remains = _without_changing(joint, changing, seed, progress) if changing else (joint, rest)
+        doubted = changing or explained_by_one(joint, progress)
+        without, remains = _without_doubted(joint, doubted, seed, progress) if doubted else (joint, rest)
         if not remains.unlisted:
-            found = [c for c in found if c.key not in constant.parts]
-            joint = replace(joint, parts=constant.parts)
+            if changing:
+                found = [c for c in found if c.key not in without.parts]
+                joint = replace(joint, parts=without.parts)
             return _concluded(runs, floor, joint, rest, found, listed, seed, progress, not_constant=changing)
-        joint, rest = constant, remains
+        joint, rest = without, remains
     known = described(joint, rest, seed, progress)
     found = [_as_found(known.beside, effect, first.draws) for effect in known.beside.effects]
     return _concluded(runs, floor, known.joint, known.rest, found, listed, seed, progress, known)
@@ -227,17 +230,17 @@ def _settled(joint: Joint, seed: int, progress: Progress) -> tuple[Joint, Rest]:
     return standing, rest if standing is joint else Rest.of(standing.space, standing.laws)
 
 
-def _without_changing(joint: Joint, keys: Collection[str], seed: int, progress: Progress) -> tuple[Joint, Rest]:
-    """The same without these effects, which change from run to run, and without others that may be parts of their
-    cause; and the rest.
+def _without_doubted(joint: Joint, keys: Collection[str], seed: int, progress: Progress) -> tuple[Joint, Rest]:
+    """The same without these effects, which stand for something unlisted, and without others that may be parts of the
+    same cause; and the rest.
 
-    Nothing that belongs to the car changes: they stand for something unlisted. Others in the same rows may do so as
-    well, and happen to change less. What remains without them counts there however small it is.
+    They change from run to run, and nothing that belongs to the car does; or one law of no catalogue does their work.
+    Others in the same rows may stand for it as well. What remains without them counts there however small it is.
     """
-    changing = [one for one in (*joint.laws, *joint.faults) if one.key in keys]
-    for one in changing:
+    standing = [one for one in (*joint.laws, *joint.faults) if one.key in keys]
+    for one in standing:
         joint = less_a_part(joint, one.key, seed, progress)
-    doubted = frozenset(row for one in changing for row in one.rows)
+    doubted = frozenset(row for one in standing for row in one.rows)
     joint, rest = not_part_of_the_rest(*with_all_tested(joint, seed, progress, doubted), seed, progress)
     joint = only_encompassing(joint, seed, progress) if rest.unlisted else joint
     return joint, Rest.of(joint.space, joint.laws)

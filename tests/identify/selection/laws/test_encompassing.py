@@ -17,10 +17,10 @@ from lacet.identify.selection.joint.subset_search import inexactness_of
 from lacet.identify.selection.laws import encompassing
 from lacet.identify.selection.laws.encompassing import (
     _better,  # pyright: ignore[reportPrivateUsage]
-    _Place,  # pyright: ignore[reportPrivateUsage]
     encompasses,
 )
 from lacet.identify.selection.laws.formulas import laws_at
+from lacet.identify.selection.laws.replacement import Replacement
 from lacet.identify.selection.laws.search import without_noise
 from lacet.identify.selection.rest import AddedLaw, added_laws
 from lacet.identify.selection.score_tests import ScoreTests
@@ -99,7 +99,7 @@ def test_the_same_law_in_other_words_is_no_rival(floor: NoiseFloor):
     hidden = KNOWN["spring_cubic.front"]
     space, law = with_law(fit_of(driven(exact_with(hidden, 3e6), 2)), hidden, floor)
     laws = {one.line.rows[0].text: one for one in laws_at(space, "suspension", "front")}
-    place = _Place.of(space, law, [], [laws["p * travel**3"], laws["p * rate**3"]])
+    place = Replacement.of(space, [law], [laws["p * travel**3"], laws["p * rate**3"]])
     assert place.others.tolist() == [2]
 
 
@@ -107,7 +107,7 @@ def test_equations_of_a_law_are_those_without_it(lacks_unlisted: Fit, floor: Noi
     """Normal matrix and right side of the law and others in its place, against elimination of all else one by one."""
     space, law = with_law(lacks_unlisted, STAND_IN, floor)
     others = laws_at(space, "suspension", "front")[::60]
-    place = _Place.of(space, law, others[:1], others[1:])
+    place = Replacement.of(space, [law], others).given(np.array([1]))
     known, trials = space.beside(others)
     model, width = known.sums.layout.model, known.sums.layout.width
     own, right = np.eye(width), known.sums.layout.right  # columns of the model's own parameters in place of turned ones

@@ -1,0 +1,148 @@
+"""Replacement: equations of laws of a model and of others in their place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lacet.identify.effects.language.compiled import OneLine
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.selection.columns.candidate_columns import solved
+from lacet.identify.selection.columns.cross_products import Extent
+from lacet.identify.selection.laws.search import null_products
+from lacet.identify.selection.rest import AddedLaw
+from lacet.identify.selection.score_tests import ScoreTests
+from lacet.identify.selection.settings import SELECTION
+
+Places = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Replacement:
+    """The equations of laws of a model and of others in their place, all else removed.
+
+    Attributes
+    ----------
+    normal, right : (m, m) and (m,) of the k columns of the laws, then n others.
+    noise : (m, D) right sides in simulated runs that lack all of them.
+    whole : (m,) energy of the columns with all else in the data, to which rounding compares.
+    k : number of columns of the laws.
+    """
+
+    normal: Array
+    right: Array
+    noise: Array
+    whole: Array
+    k: int
+
+    @classmethod
+    def of(cls, space: ScoreTests, laws: Sequence[AddedLaw], others: Sequence[OneLine]) -> Replacement:
+        """Equations of `laws` of the model of `space`, and of `others`, which are not in it."""
+        known, trials = space.beside(others, Extent.SIMULATED)
+        at = np.array([trial.place.start for trial in trials], np.intp)
+        null, model = null_products(space, known), known.sums.layout.model
+        # The laws are a part of the model: their own equations follow from the inverse of all.
+        rows = known.sums.turn[[place for law in laws for place in law.places]]
+        inverse = rows @ known.inverse[:model]
+        spread = inverse[:, :model] @ rows.T
+        own = np.linalg.inv(spread)
+        across = own @ rows @ known.gain[:model, at]
+        values, moved = np.concatenate([law.values for law in laws])[:, None], inverse @ null[known.nuisance]
+        reduced = null[at] - known.gain[:, at].T @ null[known.nuisance]
+        others_own = known.reduced[np.ix_(at, at)] + across.T @ spread @ across
+        normal = np.asarray(np.block([[own, across], [across.T, others_own]]), float)
+        right = np.concatenate([own @ values, known.reduced[at, -1:] + across.T @ values])[:, 0]
+        noise = np.concatenate([own @ moved, reduced + across.T @ moved])
+        return cls(normal, right, noise, np.array(np.diag(normal), float), len(own))
+
+    def given(self, at: Places) -> Replacement:
+        """The same with the columns at these places among all else."""
+        rest = np.setdiff1d(np.arange(len(self.right)), at)
+        gain = solved(self.normal[np.ix_(at, at)], self.normal[at])
+        return Replacement(
+            (self.normal - self.normal[:, at] @ gain)[np.ix_(rest, rest)], (self.right - gain.T @ self.right[at])[rest],
+            (self.noise - gain.T @ self.noise[at])[rest], self.whole[rest], self.k - int(np.count_nonzero(at < self.k)),
+        )  # fmt: skip
+
+    def only(self, at: Places) -> Replacement:
+        """The same of the columns at these places alone, the laws' first; the others are in no model."""
+        k = int(np.count_nonzero(at < self.k))
+        return Replacement(self.normal[np.ix_(at, at)], self.right[at], self.noise[at], self.whole[at], k)
+
+    def force_at(self, at: Places) -> float:
+        """Fall of the weighted squares by the columns at these places alone."""
+        return float(self.right[at] @ solved(self.normal[np.ix_(at, at)], self.right[at, None])[:, 0])
+
+    @property
+    def values(self) -> Array:
+        """(k,) parameters of the laws."""
+        return solved(self.normal[: self.k, : self.k], self.right[: self.k, None])[:, 0]
+
+    @property
+    def fall(self) -> float:
+        """Fall of the weighted squares by the laws."""
+        return self.force_at(np.arange(self.k))
+
+    @property
+    def null(self) -> Array:
+        """(D,) the same in simulated runs that lack them."""
+        noise = self.noise[: self.k]
+        return np.einsum("kd,kd->d", noise, solved(self.normal[: self.k, : self.k], noise))
+
+    @cached_property
+    def others(self) -> Places:
+        """Places of the others that are neither explained by all else, nor one with the laws on these runs."""
+        k, energy = self.k, np.diag(self.normal)
+        shared = np.einsum("kn,kn->n", self.normal[:k], solved(self.normal[:k, :k], self.normal[:k]))
+        shown = energy > SELECTION.gone_share * self.whole
+        alike = shared > SELECTION.same_correlation**2 * energy
+        return k + np.flatnonzero((shown & ~alike)[k:])
+
+    def margins(self) -> tuple[Array, Array]:
+        """(n,) weighted squares that each of `others` explains more than the laws, and (n, D) where these are true."""
+        k, energy = self.k, np.diag(self.normal)[self.others]
+        true = self.noise + (self.normal[:, :k] @ self.values)[:, None]
+
+        def margin(right: Array) -> Array:
+            own = np.einsum("kd,kd->d", right[:k], solved(self.normal[:k, :k], right[:k]))
+            return right[self.others] ** 2 / energy[:, None] - own
+
+        return margin(self.right[:, None])[:, 0], margin(true)
+
+
+@dataclass(frozen=True)
+class Best:
+    """The law of a pool that explains most in the place of laws of a model.
+
+    Attributes
+    ----------
+    draws : number of simulated runs.
+    law : it; None before any was tried. `place` : the laws' equations and its own.
+    margin : weighted squares that it explains more than the laws.
+    drawn : (D,) the largest margin over the pool in simulated runs of the model with the laws.
+    """
+
+    draws: int
+    law: OneLine | None = None
+    place: Replacement | None = field(default=None, repr=False)
+    margin: float = -np.inf
+    drawn: Array = field(default_factory=lambda: np.array(-np.inf), repr=False)
+
+    def over(self, place: Replacement, batch: Sequence[OneLine]) -> Best:
+        """The best of those before and of a further part of the pool, in the laws' place with these equations."""
+        margins, null = place.margins()
+        drawn = np.maximum(self.drawn, np.max(null, axis=0, initial=-np.inf))
+        if not margins.size or np.max(margins) <= self.margin:
+            return replace(self, drawn=drawn)
+        at = int(place.others[np.argmax(margins)])
+        own = place.only(np.r_[: place.k, at])
+        return replace(self, law=batch[at - place.k], place=own, margin=float(np.max(margins)), drawn=drawn)
+
+    @property
+    def p(self) -> float:
+        """Probability of such a margin where the laws are the truth (Cox)."""
+        return float((1 + np.count_nonzero(self.drawn >= self.margin)) / (1 + self.draws))
