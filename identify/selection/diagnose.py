@@ -58,7 +58,7 @@ from lacet.identify.selection.joint.wrong_tables import axles_without_tables, co
 from lacet.identify.selection.laws.described import Described, described
 from lacet.identify.selection.laws.encompassing import only_encompassing
 from lacet.identify.selection.laws.formulas import Formula, propose
-from lacet.identify.selection.laws.one_for_several import explained_by_one
+from lacet.identify.selection.laws.unlisted_rivals import with_unlisted_rivals
 from lacet.identify.selection.relinearisation import latencies_beside, relinearised_tests
 from lacet.identify.selection.rest import Rest
 from lacet.identify.selection.score_tests import ScoreTests
@@ -194,7 +194,7 @@ def diagnose_runs(
     if not rest.unlisted:
         found = [_as_found(joint, effect, draws=first.draws) for effect in joint.effects]
         changing = _not_constant(joint, rest, found, progress)
-        doubted = changing or explained_by_one(joint, progress)
+        doubted = changing or with_unlisted_rivals(joint, progress)
         without, remains = _without_doubted(joint, doubted, seed, progress) if doubted else (joint, rest)
         if not remains.unlisted:
             if changing:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from lacet.identify.selection.columns.cross_products import Extent
 from lacet.identify.selection.laws.settings import LAWS
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
+
+Shaped = TypeVar("Shaped", bound=Effect)
 
 
 def key_of(law: OneLine) -> str:
@@ -32,7 +35,7 @@ def catalogue_names(space: ScoreTests, laws: Sequence[OneLine]) -> dict[str, tup
     for places in {_rows(law) for law in fresh}:
         mine = [law for law in fresh if _rows(law) == places]
         known = [e for key, e in space.effects.items() if e.as_physics is not None and acting.get(key) == places]
-        shapes = [shaped for effect in known for shaped in _closer(effect)]
+        shapes = [shaped for effect in known for shaped in with_closer_constants(effect)]
         for start in range(0, len(shapes), LAWS.together):
             for key, name, value in _correlations(space, mine, shapes[start : start + LAWS.together]):
                 alike[key][name] = max(value, alike[key].get(name, 0.0))
@@ -56,7 +59,7 @@ def _rows_of_candidates(space: ScoreTests) -> Mapping[str, frozenset[str]]:
     return {key: frozenset(map(str, rows)) for key, rows in out.items()}
 
 
-def _closer(effect: Effect) -> list[Effect]:
+def with_closer_constants(effect: Shaped) -> list[Shaped]:
     """The effect with its constants at all values of its grid, at their bounds, and between each two of them."""
     out = [effect]
     for name, grid in effect.grids.items():

@@ -61,17 +61,14 @@ class Replacement:
 
     def given(self, at: Places) -> Replacement:
         """The same with the columns at these places among all else."""
+        if not len(at):
+            return self
         rest = np.setdiff1d(np.arange(len(self.right)), at)
         gain = solved(self.normal[np.ix_(at, at)], self.normal[at])
         return Replacement(
             (self.normal - self.normal[:, at] @ gain)[np.ix_(rest, rest)], (self.right - gain.T @ self.right[at])[rest],
             (self.noise - gain.T @ self.noise[at])[rest], self.whole[rest], self.k - int(np.count_nonzero(at < self.k)),
         )  # fmt: skip
-
-    def only(self, at: Places) -> Replacement:
-        """The same of the columns at these places alone, the laws' first; the others are in no model."""
-        k = int(np.count_nonzero(at < self.k))
-        return Replacement(self.normal[np.ix_(at, at)], self.right[at], self.noise[at], self.whole[at], k)
 
     def force_at(self, at: Places) -> float:
         """Fall of the weighted squares by the columns at these places alone."""
@@ -138,9 +135,10 @@ class Best:
         drawn = np.maximum(self.drawn, np.max(null, axis=0, initial=-np.inf))
         if not margins.size or np.max(margins) <= self.margin:
             return replace(self, drawn=drawn)
-        at = int(place.others[np.argmax(margins)])
-        own = place.only(np.r_[: place.k, at])
-        return replace(self, law=batch[at - place.k], place=own, margin=float(np.max(margins)), drawn=drawn)
+        i = int(place.others[np.argmax(margins)])
+        at = np.r_[: place.k, i]
+        own = Replacement(place.normal[np.ix_(at, at)], place.right[at], place.noise[at], place.whole[at], place.k)
+        return replace(self, law=batch[i - place.k], place=own, margin=float(np.max(margins)), drawn=drawn)
 
     @property
     def p(self) -> float:

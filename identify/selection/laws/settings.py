@@ -19,9 +19,6 @@ class LawSettings:
     """Laws of an axle, the best, that are tried at each of its wheels alone as well [count]. Source: processor time."""
     together: int = 250
     """Columns whose cross products are formed at once [count]. Source: memory: 5 MB a row and fold."""
-    most_replaced: int = 3
-    """Laws of a place that are compared with one in the place of them, beside all of them together [count]. Source:
-    processor time."""
     standard_errors: float = 1.0
     """Standard errors over the folds of the cross-validation within which a law of less terms and constants is as good
     as the best [σ]. Source: L. Breiman et al., Classification and Regression Trees (1984), the one-standard-error

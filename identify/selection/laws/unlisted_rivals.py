@@ -1,0 +1,105 @@
+"""Unlisted rivals: laws of no catalogue that are a better answer than a law found, where nothing remains.
+
+A listed law, or several together, may do nearly all of the work of an unlisted cause. In the place of each law found,
+with all others in the model, the law of the grammar that explains most is therefore its rival, too. It is the better
+answer where it explains more than the law found, by more than chance if that is the truth (Cox's test of separate
+families, of the largest margin over the grammar) and by more than laws in a model may be inexact, and the law found
+explains no more than chance beside it. Laws found together need no test of their own: what explains more than a set of
+laws explains more than each, too, beside the others.
+
+Source: as of `encompassing`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from lacet.identify.effects.base import AXLES
+from lacet.identify.effects.language.compiled import OneLine
+from lacet.identify.progress import Progress, Stage, Step, silent
+from lacet.identify.selection.joint.refits import Joint
+from lacet.identify.selection.laws.encompassing import Standing, beyond_chance_of
+from lacet.identify.selection.laws.formulas import laws_at
+from lacet.identify.selection.laws.names import catalogue_names, key_of, with_closer_constants
+from lacet.identify.selection.laws.replacement import Best, Replacement
+from lacet.identify.selection.laws.search import without_noise
+from lacet.identify.selection.laws.settings import LAWS
+from lacet.identify.selection.rest import AddedLaw, added_laws
+from lacet.identify.selection.score_tests import ScoreTests
+from lacet.identify.selection.settings import SELECTION
+
+
+def with_unlisted_rivals(joint: Joint, progress: Progress = silent) -> frozenset[str]:
+    """Keys of the laws found in whose place a law of no catalogue is a better answer."""
+    space, stands = without_noise(joint.space), beyond_chance_of(joint.space)
+    found = [law for law in added_laws(space) if law.key in joint.keys]
+    where = {effect.key: effect.where for effect in joint.effects}
+    rivals = [
+        pair
+        for (kind, place), laws in _by_place(found, where).items()
+        for pair in _rivals(space, laws, laws_at(space, kind, place), stands, progress)
+    ]
+    names = catalogue_names(joint.first, [rival for _, rival in rivals]) if rivals else {}
+    # One that is listed was a rival in the search.
+    return frozenset(key for key, rival in rivals if not names[key_of(rival)])
+
+
+def _by_place(laws: Sequence[AddedLaw], where: Mapping[str, str]) -> dict[tuple[str, str], list[AddedLaw]]:
+    """Kind of row and place → the laws that act there: a wheel if all act at it alone, else the axle."""
+    axles = {corner: axle for axle, corners in AXLES.items() for corner in corners}
+    out: dict[tuple[str, str], list[AddedLaw]] = {}
+    for law in laws:
+        place = axles.get(where[law.key], where[law.key])
+        for kind in dict.fromkeys((str(row), "") if row.kind == "chassis" else (row.kind, place) for row in law.rows):
+            out.setdefault(kind, []).append(law)
+    alone = {key: {where[law.key] for law in acting} for key, acting in out.items()}
+    return {
+        (kind, alone[kind, place].pop() if place and len(alone[kind, place]) == 1 else place): acting
+        for (kind, place), acting in out.items()
+    }
+
+
+def _rivals(
+    space: ScoreTests, laws: Sequence[AddedLaw], pool: Sequence[OneLine], stands: Standing, progress: Progress
+) -> Iterator[tuple[str, OneLine]]:
+    """Keys of the laws of a place with a better one in the pool, and that one."""
+    best = _over({law.key: Best(space.draws) for law in laws}, space, laws, pool, progress)
+    # Between the values of its grid a rival may explain more.
+    near = [
+        one.law
+        for one in best.values()
+        if one.law is not None and one.place is not None
+        and one.margin >= (SELECTION.rival_share - 1.0) * one.place.fall
+    ]  # fmt: skip
+    closer = [shaped for law in {key_of(law): law for law in near}.values() for shaped in with_closer_constants(law)]
+    for key, one in _over(best, space, laws, closer, progress).items():
+        if one.law is not None and _is_better(one, stands):
+            yield key, one.law
+
+
+def _over(
+    best: Mapping[str, Best], space: ScoreTests, laws: Sequence[AddedLaw], pool: Sequence[OneLine], progress: Progress
+) -> dict[str, Best]:  # fmt: skip
+    """The best in the place of each of `laws`, by key, over a pool and those before."""
+    columns = [np.arange(a, b) for a, b in pairwise(np.cumsum([0, *(len(law.places) for law in laws)]).tolist())]
+    out = dict(best)
+    for start in range(0, len(pool), LAWS.together):
+        progress(Step(Stage.ENCOMPASSING, start, len(pool), ", ".join(law.key for law in laws)))
+        batch = pool[start : start + LAWS.together]
+        place = Replacement.of(space, laws, batch)
+        for law, own in zip(laws, columns, strict=True):
+            out[law.key] = out[law.key].over(place.given(np.setdiff1d(np.arange(place.k), own)), batch)
+    return out
+
+
+def _is_better(one: Best, stands: Standing) -> bool:
+    """Whether a law is a better answer than the law that it is in the place of."""
+    assert one.place is not None
+    inexact = SELECTION.selected_inexactness**2 * one.place.fall
+    if one.margin <= max(SELECTION.least_refinement_fall, inexact) or one.p > SELECTION.level(one.draws):
+        return False
+    beside = one.place.given(np.array([one.place.k]))
+    return not stands(beside.fall, beside.null)

@@ -1,0 +1,110 @@
+"""Laws found in whose place one of no catalogue is a better answer: they are told from laws that are there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lacet.identify.effects.base import Effect
+from lacet.identify.effects.language.compiled import one_line_effects
+from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.columns.linearisation import Linearisation
+from lacet.identify.selection.joint.refits import Joint, beside_of
+from lacet.identify.selection.laws import unlisted_rivals
+from lacet.identify.selection.laws.formulas import laws_at
+from lacet.identify.selection.laws.replacement import Best, Replacement
+from lacet.identify.selection.laws.search import without_noise
+from lacet.identify.selection.laws.unlisted_rivals import with_unlisted_rivals
+from lacet.identify.selection.score_tests import ScoreTests
+from lacet.identify.selection.settings import SELECTION
+from lacet.identify.validation.noise_floor import NoiseFloor
+from tests.identify import cars
+from tests.identify.exact_car import KNOWN, MODEL, VEHICLE, driven, exact, fit_of, theta
+
+GROOVE = one_line_effects("hidden = suspension.front: p * tanh(abs(travel)/s0)*rate, s0 = 10 mm", VEHICLE, "hub")[0]
+OF_LOAD = one_line_effects("hidden = suspension.front: p * load*tanh(rate/v0), v0 = 15 mm/s", VEHICLE, "hub")[0]
+STROKE, BAR, FRICTION = KNOWN["damper_stroke_symmetric.front"], KNOWN["anti_roll_bar.front"], KNOWN["coulomb.front"]
+CANDIDATES = [STROKE, BAR, FRICTION, KNOWN["damper_stroke.front"], KNOWN["spring_cubic.front"]]
+
+
+def car_with(*hidden: tuple[Effect, float], seed: int = 1) -> Fit:
+    """The model on a run of a car with these effects."""
+    laws, sizes = zip(*hidden, strict=True)
+    return fit_of(driven(cars.fulfil(exact(), (*MODEL.effects, *laws), np.append(theta(), sizes)), seed))
+
+
+def found_as(fitted: Fit, laws: Sequence[Effect], floor: NoiseFloor) -> Joint:
+    """These laws found in a model."""
+    first = ScoreTests.of(Linearisation.of(fitted, floor), CANDIDATES, 0)
+    others = [effect for effect in CANDIDATES if effect not in laws]
+    space = ScoreTests.of(Linearisation.of(fitted.with_effects(laws), floor), others, 0)
+    return beside_of(Joint(first, (), space, (), tuple(laws), (), base=fitted, added=tuple(laws)), space)
+
+
+@pytest.fixture(scope="module")
+def groove_and_bar() -> Fit:
+    """A car with dampers with a by-pass groove, which no catalogue has, and an anti-roll bar."""
+    return car_with((GROOVE, 700.0), (BAR, 6000.0))
+
+
+def test_a_law_that_another_of_no_catalogue_is_better_than_is_told_from_one_that_is_there(
+    groove_and_bar: Fit, floor: NoiseFloor
+):
+    joint = found_as(groove_and_bar, [STROKE, BAR], floor)
+    assert all(law.force > np.max(law.null) for law in joint.laws)
+    assert with_unlisted_rivals(joint) == {STROKE.key}
+
+
+def test_of_two_laws_that_do_the_work_of_one_neither_stays(floor: NoiseFloor):
+    """The rival's constant lies between two values of its grid: on these the two explain more together."""
+    pair = [FRICTION, KNOWN["damper_stroke.front"]]
+    joint = found_as(car_with((OF_LOAD, 0.02)), pair, floor)
+    assert all(law.force > np.max(law.null) for law in joint.laws)
+    assert with_unlisted_rivals(joint) == {law.key for law in pair}
+
+
+@pytest.mark.parametrize("laws", [[(STROKE, 3e5)], [(FRICTION, 60.0), (BAR, 6000.0)]])
+def test_laws_that_are_there_stay(laws: list[tuple[Effect, float]], floor: NoiseFloor):
+    """Whatever six hundred laws of no catalogue explain in their place."""
+    joint = found_as(car_with(*laws, seed=2), [law for law, _ in laws], floor)
+    assert not with_unlisted_rivals(joint)
+
+
+def test_a_law_of_the_catalogue_takes_no_name_away(floor: NoiseFloor):
+    """Friction for which quadratic damping was found, say: a rival that the search has."""
+    joint = found_as(car_with((FRICTION, 60.0)), [STROKE], floor)
+    assert not with_unlisted_rivals(joint)
+    without = replace(joint, first=replace_candidates(joint.first, [STROKE, BAR]))
+    assert with_unlisted_rivals(without) == {STROKE.key}
+
+
+def replace_candidates(space: ScoreTests, candidates: Sequence[Effect]) -> ScoreTests:
+    """Score tests of other candidates beside the same model."""
+    return ScoreTests.of(space.linearisation, candidates, 0)
+
+
+def test_no_more_than_laws_may_be_inexact_takes_a_name_away(
+    groove_and_bar: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(unlisted_rivals, "SELECTION", replace(SELECTION, selected_inexactness=1.0))
+    assert not with_unlisted_rivals(found_as(groove_and_bar, [STROKE, BAR], floor))
+
+
+def test_the_best_of_a_pool_is_that_of_its_parts(groove_and_bar: Fit, floor: NoiseFloor):
+    """Its margin is what it explains in place of the law, less what this does."""
+    joint = found_as(groove_and_bar, [STROKE, BAR], floor)
+    space, pool = without_noise(joint.space), laws_at(joint.space, "suspension", "front")[::20]
+    laws = [law for law in joint.laws if law.key == STROKE.key]
+    whole = Best(space.draws).over(Replacement.of(space, laws, pool), pool)
+    parts = Best(space.draws)
+    for batch in (pool[:10], pool[10:]):
+        parts = parts.over(Replacement.of(space, laws, batch), batch)
+    assert whole.law is parts.law is not None
+    assert whole.margin == pytest.approx(parts.margin)
+    np.testing.assert_allclose(parts.drawn, whole.drawn)
+    assert whole.p == (1 + np.count_nonzero(whole.drawn >= whole.margin)) / (1 + space.draws)
+    assert whole.place is not None
+    assert whole.place.force_at(np.array([whole.place.k])) - whole.place.fall == pytest.approx(whole.margin)
