@@ -95,7 +95,9 @@ def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[
     rows = rows_unseen(fitted)
     unseen = np.array([row is not None for row in rows])
     # At zero, which an unseen rate is, a frequency has no slope: what depends on it is found away from there.
-    moved = (np.abs(_jacobian(np.where(unseen & (x == 0.0), 1.0, x), vehicle)) > 0.0) & unseen
+    at_zero = unseen & (x == 0.0)
+    shown = _jacobian(np.where(at_zero, 1.0, x), vehicle) if at_zero.any() else by_number
+    moved = (np.abs(shown) > 0.0) & unseen
     usable = np.isfinite(values) & np.all(np.isfinite(slopes), axis=1)
     finite = np.where(usable[:, None], slopes, 0.0)
     spread = knowledge.spread(finite)
