@@ -12,10 +12,11 @@ hypotheses, Econometrica 54 (1986).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.language.compiled import OneLine
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
@@ -61,6 +62,15 @@ def only_encompassing(joint: Joint, seed: int, progress: Progress = silent) -> J
     return joint if joint is before else with_all_tested(joint, seed, progress)[0]
 
 
+def kinds_of(rows: Iterable[Row], where: str) -> list[tuple[str, str]]:
+    """Kind and place of the grammar's laws in some rows, for a law that acts at `where`; combined rows have none."""
+    return list(
+        dict.fromkeys(
+            (str(row), "") if row.kind == "chassis" else (row.kind, where) for row in sorted(rows) if not row.combined
+        )
+    )
+
+
 def encompasses(
     space: ScoreTests, law: AddedLaw, where: str, stands: Standing, progress: Progress = silent
 ) -> bool:  # fmt: skip
@@ -68,8 +78,7 @@ def encompasses(
 
     `space` : score tests without the noise in the columns, which is not known of the grammar's; `where` the law acts.
     """
-    kinds = dict.fromkeys((str(row), "") if row.kind == "chassis" else (row.kind, where) for row in law.rows)
-    pool = [one for kind, place in kinds for one in laws_at(space, kind, place)]
+    pool = [one for kind, place in kinds_of(law.rows, where) for one in laws_at(space, kind, place)]
     beside: list[OneLine] = []
     for _ in range(LAWS.most_terms):
         better = _better(space, law, beside, pool, progress)

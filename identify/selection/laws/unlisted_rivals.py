@@ -21,7 +21,7 @@ from lacet.identify.effects.base import AXLES
 from lacet.identify.effects.language.compiled import OneLine
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.selection.joint.refits import Joint
-from lacet.identify.selection.laws.encompassing import Standing, beyond_chance_of
+from lacet.identify.selection.laws.encompassing import Standing, beyond_chance_of, kinds_of
 from lacet.identify.selection.laws.formulas import laws_at
 from lacet.identify.selection.laws.names import catalogue_names, key_of, with_closer_constants
 from lacet.identify.selection.laws.replacement import Best, Replacement
@@ -53,12 +53,11 @@ def _by_place(laws: Sequence[AddedLaw], where: Mapping[str, str]) -> dict[tuple[
     out: dict[tuple[str, str], list[AddedLaw]] = {}
     for law in laws:
         place = axles.get(where[law.key], where[law.key])
-        for kind in dict.fromkeys((str(row), "") if row.kind == "chassis" else (row.kind, place) for row in law.rows):
+        for kind in kinds_of(law.rows, place):
             out.setdefault(kind, []).append(law)
-    alone = {key: {where[law.key] for law in acting} for key, acting in out.items()}
     return {
-        (kind, alone[kind, place].pop() if place and len(alone[kind, place]) == 1 else place): acting
-        for (kind, place), acting in out.items()
+        (kind, where[laws[0].key] if place and len({where[law.key] for law in laws}) == 1 else place): laws
+        for (kind, place), laws in out.items()
     }
 
 

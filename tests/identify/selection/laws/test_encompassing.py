@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.language.compiled import one_line_effects
 from lacet.identify.multibody.vectors import Array
@@ -18,6 +19,7 @@ from lacet.identify.selection.laws import encompassing
 from lacet.identify.selection.laws.encompassing import (
     _better,  # pyright: ignore[reportPrivateUsage]
     encompasses,
+    kinds_of,
 )
 from lacet.identify.selection.laws.formulas import laws_at
 from lacet.identify.selection.laws.replacement import Replacement
@@ -133,3 +135,8 @@ def test_equations_of_a_law_are_those_without_it(lacks_unlisted: Fit, floor: Noi
     margins, _ = place.margins()
     falls = place.right[place.others] ** 2 / np.diag(place.normal)[place.others]
     np.testing.assert_allclose(margins, falls - place.fall)
+
+
+def test_rows_of_several_wheels_have_no_laws_of_the_grammar():
+    rows = [Row.parse(text) for text in ("corner.fl", "body.roll", "suspension.fr", "suspension.fl", "chassis.fx")]
+    assert kinds_of(rows, "front") == [("chassis.fx", ""), ("suspension", "front")]
