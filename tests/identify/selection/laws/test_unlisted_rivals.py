@@ -14,10 +14,11 @@ from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.joint.refits import Joint, beside_of
 from lacet.identify.selection.laws import unlisted_rivals
+from lacet.identify.selection.laws.encompassing import beyond_chance_of
 from lacet.identify.selection.laws.formulas import laws_at
 from lacet.identify.selection.laws.replacement import Best, Replacement
 from lacet.identify.selection.laws.search import without_noise
-from lacet.identify.selection.laws.unlisted_rivals import with_unlisted_rivals
+from lacet.identify.selection.laws.unlisted_rivals import _is_better, with_unlisted_rivals
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor
@@ -56,6 +57,8 @@ def test_a_law_that_another_of_no_catalogue_is_better_than_is_told_from_one_that
     joint = found_as(groove_and_bar, [STROKE, BAR], floor)
     assert all(law.force > np.max(law.null) for law in joint.laws)
     assert with_unlisted_rivals(joint) == {STROKE.key}
+    of_the_study = replace(joint, effects=(BAR,))  # what the user has added is not judged
+    assert not with_unlisted_rivals(of_the_study)
 
 
 def test_of_two_laws_that_do_the_work_of_one_neither_stays(floor: NoiseFloor):
@@ -108,3 +111,20 @@ def test_the_best_of_a_pool_is_that_of_its_parts(groove_and_bar: Fit, floor: Noi
     assert whole.p == (1 + np.count_nonzero(whole.drawn >= whole.margin)) / (1 + space.draws)
     assert whole.place is not None
     assert whole.place.force_at(np.array([whole.place.k])) - whole.place.fall == pytest.approx(whole.margin)
+
+
+def test_a_law_stays_that_explains_more_than_chance_beside_the_better_one(floor: NoiseFloor):
+    """Both are there; the one that is not listed is sought where something remains."""
+    joint = found_as(car_with((GROOVE, 1500.0), (BAR, 1500.0)), [BAR], floor)
+    assert not with_unlisted_rivals(joint)
+
+
+def test_a_better_law_is_better_by_more_than_chance(groove_and_bar: Fit, floor: NoiseFloor):
+    joint = found_as(groove_and_bar, [STROKE, BAR], floor)
+    space, stands = without_noise(joint.space), beyond_chance_of(joint.space)
+    (law,) = (law for law in joint.laws if law.key == STROKE.key)
+    pool = laws_at(joint.space, "suspension", "front")
+    best = Best(space.draws).over(Replacement.of(space, [law], pool), pool)
+    assert _is_better(best, stands)
+    assert not _is_better(replace(best, drawn=best.drawn + best.margin - np.min(best.drawn)), stands)
+    assert not _is_better(best, lambda fall, null: True)
