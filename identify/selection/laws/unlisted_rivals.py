@@ -13,7 +13,7 @@ Source: as of `encompassing`.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from lacet.identify.selection.joint.refits import Joint
 from lacet.identify.selection.laws.encompassing import Standing, beyond_chance_of, kinds_of
 from lacet.identify.selection.laws.formulas import laws_at
 from lacet.identify.selection.laws.names import catalogue_names, key_of, with_closer_constants
-from lacet.identify.selection.laws.replacement import Best, Replacement
+from lacet.identify.selection.laws.replacement import Best, Places, Replacement
 from lacet.identify.selection.laws.search import without_noise
 from lacet.identify.selection.laws.settings import LAWS
 from lacet.identify.selection.rest import AddedLaw, added_laws
@@ -83,7 +83,8 @@ def _over(
     best: Mapping[str, Best], space: ScoreTests, laws: Sequence[AddedLaw], pool: Sequence[OneLine], progress: Progress
 ) -> dict[str, Best]:  # fmt: skip
     """The best in the place of each of `laws`, by key, over a pool and those before."""
-    columns = [np.arange(a, b) for a, b in pairwise(np.cumsum([0, *(len(law.places) for law in laws)]).tolist())]
+    ends = list(accumulate((len(law.places) for law in laws), initial=0))
+    columns: list[Places] = [np.arange(a, b) for a, b in pairwise(ends)]
     out = dict(best)
     for start in range(0, len(pool), LAWS.together):
         progress(Step(Stage.ENCOMPASSING, start, len(pool), ", ".join(law.key for law in laws)))
