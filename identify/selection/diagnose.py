@@ -235,7 +235,7 @@ def _without_doubted(joint: Joint, keys: Collection[str], seed: int, progress: P
     same cause; and the rest.
 
     They change from run to run, and nothing that belongs to the car does; or one law of no catalogue does their work.
-    Others in the same rows may stand for it as well. What remains without them counts there however small it is.
+    Others in the same rows may stand for it as well: they are compared with what remains there however small it is.
     """
     standing = [one for one in (*joint.laws, *joint.faults) if one.key in keys]
     for one in standing:

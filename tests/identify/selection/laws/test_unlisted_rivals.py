@@ -12,6 +12,7 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.effects.language.compiled import one_line_effects
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.linearisation import Linearisation
+from lacet.identify.selection.diagnose import diagnose
 from lacet.identify.selection.joint.refits import Joint, beside_of
 from lacet.identify.selection.laws import unlisted_rivals
 from lacet.identify.selection.laws.encompassing import beyond_chance_of
@@ -128,3 +129,11 @@ def test_a_better_law_is_better_by_more_than_chance(groove_and_bar: Fit, floor: 
     assert _is_better(best, stands)
     assert not _is_better(replace(best, drawn=best.drawn + best.margin - np.min(best.drawn)), stands)
     assert not _is_better(best, lambda fall, null: True)
+
+
+@pytest.mark.parametrize(("size", "declared"), [(300.0, False), (500.0, True)])
+def test_a_diagnosis_declares_the_cause_unlisted_unless_it_is_small(size: float, declared: bool, floor: NoiseFloor):
+    """Nothing remains beside the listed law; without it what remains must be at least the user's effect size."""
+    diagnosis = diagnose(car_with((GROOVE, size)), floor, CANDIDATES)
+    assert (diagnosis.unlisted, [c.key for c in diagnosis.found]) == (declared, [] if declared else [STROKE.key])
+    assert bool(diagnosis.formulas) == declared
