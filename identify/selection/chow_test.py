@@ -37,17 +37,20 @@ class ParameterConstancy:
 
     Attributes
     ----------
-    values : name of a run → (k,) parameters estimated from that run, for the runs that show the law; `spread` 1 σ of
-        each for independent residuals.
+    values : name of a run → (k,) parameters estimated from that run, for the m runs that show the law.
+    covariance : (m, k, m, k) of these for independent residuals. What runs have in common, as tolerances of the sensor
+        sheet, moves the parameters of all of them together.
     common : fall of the weighted squares with the same parameters in all runs.
+    apart : what the fall by differences would be, were they as large as the common parameters themselves.
     further : additional fall with parameters of their own for each run; `null` (D,) that in simulated runs.
     misfits : name of a run → misfit of the common parameters in it (weighted squares, less those by chance), ÷ the
         weighted squares of the law in it; 0 where chance explains the misfit.
     """
 
     values: Mapping[str, Array]
-    spread: Mapping[str, Array]
+    covariance: Array = field(repr=False)
     common: float
+    apart: float
     further: float
     null: Array = field(repr=False)
     misfits: Mapping[str, float]
@@ -58,19 +61,39 @@ class ParameterConstancy:
         return float((1 + np.count_nonzero(self.null >= self.further)) / (1 + self.null.size))
 
     @property
+    def spread(self) -> Mapping[str, Array]:
+        """Name of a run → (k,) 1 σ of its parameters."""
+        of_runs = np.sqrt(np.maximum(0.0, np.einsum("mkmk->mk", self.covariance)))
+        return dict(zip(self.values, of_runs, strict=True))
+
+    def difference(self, k: int, a: str, b: str) -> tuple[float, float]:
+        """Parameter k in run b less that in run a, and its 1 σ."""
+        at = list(self.values)
+        i, j = at.index(a), at.index(b)
+        of_both = self.covariance[:, k, :, k][np.ix_([i, j], [i, j])]
+        square = float(np.array([-1.0, 1.0]) @ of_both @ np.array([-1.0, 1.0]))
+        return float(self.values[b][k] - self.values[a][k]), float(np.sqrt(max(0.0, square)))
+
+    @property
     def farthest_apart(self) -> tuple[int, str, str]:
-        """Index of the parameter that differs most between runs, in units of its σ, and names of the two runs."""
-        off = {
-            (k, a, b): abs(self.values[a][k] - self.values[b][k]) / np.hypot(self.spread[a][k], self.spread[b][k])
-            for a, b in itertools.combinations(self.values, 2)
-            for k in range(len(self.values[a]))
-        }
-        return max(off, key=lambda place: off[place])
+        """Index of the parameter that differs most between runs, in σ of the difference, and names of the two runs."""
+
+        def off(place: tuple[int, str, str]) -> float:
+            by, sigma = self.difference(*place)
+            return abs(by) / sigma if sigma > 0.0 else 0.0
+
+        pairs = itertools.combinations(self.values, 2)
+        return max(((k, a, b) for a, b in pairs for k in range(len(self.values[a]))), key=off)
 
     def differ_by_more_than(self, share: float) -> bool:
-        """Whether runs differ by more than chance, and by this share of what the law explains."""
+        """Whether runs differ by more than chance, and by this share of what the law explains.
+
+        Beside nuisance parameters that runs have in common, what the law explains itself may be little while its
+        differences between runs are seen well. These are compared with what differences as large as the law would be.
+        """
         by_chance = float(np.mean(self.null))
-        return self.p <= SELECTION.failing_chance and self.further - by_chance > share * self.common
+        explained = max(self.common, self.apart)
+        return self.p <= SELECTION.failing_chance and self.further - by_chance > share * explained
 
     def fails_in_a_run(self, share: float) -> bool:
         """Whether runs differ by more than chance, and any run's misfit is more than this share of the law in it."""
@@ -199,11 +222,29 @@ def _compared(
     worst = np.max(by_chance[seen] / usual[seen, None], axis=0, initial=0.0)
     significant = seen & (off > np.quantile(worst, 1.0 - SELECTION.failing_chance) * usual)
     misfits = np.divide(off - usual, law, out=np.zeros(m), where=significant)
-    spread = np.sqrt(np.maximum(0.0, np.einsum("mkmk->mk", covariance)))
     return ParameterConstancy(
-        dict(zip(names, each[:, :, 0], strict=True)), dict(zip(names, spread, strict=True)),
-        float(fall[0]), float(further[0]), null, dict(zip(names, misfits.tolist(), strict=True)),
+        dict(zip(names, each[:, :, 0], strict=True)), covariance, float(fall[0]), _apart(normal, common[:, 0]),
+        float(further[0]), null, dict(zip(names, misfits.tolist(), strict=True)),
     )  # fmt: skip
+
+
+def _apart(normal: Array, common: Array) -> float:
+    """Expected fall by differences between runs whose parameters are `common` (k,) times independent factors.
+
+    The factors have a variance of one between the m runs, as a sample has it (÷ m). Of runs that show a law alike and
+    have no nuisance parameter in common this is what the law explains itself; of any that have none it is at most that.
+
+    Parameters
+    ----------
+    normal : (m k, m k) normal matrix of the parameters of each run.
+    """
+    k = len(common)
+    m = len(normal) // k
+    across = normal @ np.tile(np.eye(k), (m, 1))
+    alike = across.reshape(m, k, k).sum(axis=0)
+    differences = normal - across @ solved(alike, across.T)
+    of_runs = differences.reshape(m, k, m, k)[range(m), :, range(m)]
+    return m / (m - 1) * float(np.einsum("k,mkl,l->", common, of_runs, common))
 
 
 def _groups(

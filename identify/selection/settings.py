@@ -104,8 +104,9 @@ class SelectionSettings:
     least_energy_of_run: float = 1e-3
     """Part of a law's energy that a run must hold to be compared [share]. Source: a choice, not tuned."""
     inconstant_share: float = 0.15
-    """A law is inconstant when its differences between runs explain this part of what it explains itself (parameters
-    that scatter by two fifths) [share]. Source: benchmark; docs/decisions/ranking.md, "A law holds in every run"."""
+    """A law is inconstant when its differences between runs explain this part of what it explains itself, or, where
+    that is more, of what differences as large as the law would (parameters that scatter by two fifths) [share]. Source:
+    benchmark; docs/decisions/ranking.md, "A law holds in every run"."""
     chow_seconds: float = 64.0
     """Data beyond this, of the runs that show least, are taken as one run [s]: noise is drawn for each of the others.
     Source: processor time; docs/decisions/ranking.md, "A law holds in every run"."""

@@ -418,9 +418,12 @@ def _not_constant(d: Diagnosis, key: str, runs: ParameterConstancy) -> str:
         f"{with_interval(runs.values[r][k], SELECTION.interval_quantile * runs.spread[r][k])} {q.unit} in {r}"
         for r in two
     )
+    by, sigma = runs.difference(k, *two)
+    apart = with_interval(abs(by), SELECTION.interval_quantile * sigma)
     return (
         f"The model lacks something, and the cause is not listed: {key} explains most, but it would have to be "
-        f"another law in each run ({q.name} is {values}; simulated runs differ as much with p = {runs.p:.2g})."
+        f"another law in each run ({q.name} is {values}, a difference of {apart} {q.unit}; simulated runs differ as "
+        f"much with p = {runs.p:.2g})."
     )
 
 

@@ -206,12 +206,16 @@ def test_a_law_that_changes_from_run_to_run_is_none(not_constant: Fit, monkeypat
 
 
 @pytest.mark.parametrize(
-    ("common", "further", "broken"), [(100.0, 20.0, True), (100.0, 16.5, False), (10.0, 4.0, False), (0.0, 20.0, True)]
-)
-def test_a_law_is_broken_beyond_chance_and_by_enough_to_matter(common: float, further: float, broken: bool) -> None:
+    ("common", "apart", "further", "broken"),
+    [(100.0, 0.0, 20.0, True), (100.0, 0.0, 16.5, False), (10.0, 0.0, 4.0, False), (0.0, 0.0, 20.0, True),
+     (0.0, 100.0, 20.0, True), (0.0, 100.0, 16.5, False)],
+)  # fmt: skip
+def test_a_law_is_broken_beyond_chance_and_by_enough_to_matter(
+    common: float, apart: float, further: float, broken: bool
+) -> None:
     """Simulated runs give 2 on average, and 5 in one of ten."""
     null = np.array([*[5.0] * 10, *[1.5] * 60, *[5.0 / 3.0] * 30])
-    said = ParameterConstancy({"a": np.zeros(1)}, {"a": np.ones(1)}, common, further, null, {})
+    said = ParameterConstancy({"a": np.zeros(1)}, np.ones((1, 1, 1, 1)), common, apart, further, null, {})
     assert said.differ_by_more_than(SELECTION.inconstant_share) == broken
     assert said.p == pytest.approx(1.0 / 101.0 if further > 5.0 else 11.0 / 101.0)
 
@@ -257,10 +261,64 @@ def test_one_car_has_a_misfit_in_a_run_as_often_as_chance_may():
     assert often == pytest.approx(199 * SELECTION.failing_chance, abs=3.0 * np.sqrt(199 * SELECTION.failing_chance))
 
 
-def test_the_two_runs_told_are_those_farthest_apart_in_their_own_sigma() -> None:
+def test_the_two_runs_told_are_those_farthest_apart_in_sigma_of_the_difference() -> None:
     values = {"a": np.array([0.0, 1.0]), "b": np.array([9.0, 1.5]), "c": np.array([1.0, 9.0])}
-    spread = {"a": np.array([1.0, 0.1]), "b": np.array([9.0, 0.1]), "c": np.array([1.0, 9.0])}
-    assert ParameterConstancy(values, spread, 1.0, 1.0, np.ones(9), {}).farthest_apart == (1, "a", "b")
+    spread = np.array([[1.0, 0.1], [9.0, 0.1], [1.0, 9.0]])
+    covariance = np.diag(spread.ravel() ** 2).reshape(3, 2, 3, 2)
+    said = ParameterConstancy(values, covariance, 1.0, 1.0, 1.0, np.ones(9), {})
+    assert said.farthest_apart == (1, "a", "b")
+    assert said.difference(1, "a", "b") == pytest.approx((0.5, np.hypot(0.1, 0.1)))
+    np.testing.assert_allclose(list(said.spread.values()), spread)
+    together = covariance + 1e4 * np.einsum("kl,mn->mknl", np.eye(2), np.ones((3, 3)))
+    said = ParameterConstancy(values, together, 1.0, 1.0, 1.0, np.ones(9), {})
+    assert said.farthest_apart == (1, "a", "b")
+    assert said.difference(1, "a", "b") == pytest.approx((0.5, np.hypot(0.1, 0.1)))
+
+
+def of_groups(groups: Sequence[np.ndarray], values: Sequence[float], prior: float) -> ParameterConstancy:
+    """Chow test of a law, the first column, beside one that runs have in common, whose size is known to 1 ÷ √prior.
+
+    The residual of each run is the law times its value.
+    """
+    chance = [np.linalg.cholesky(one + 1e-12 * np.eye(2)) for one in groups]
+    rng = np.random.default_rng(0)
+    draws = [root @ rng.normal(size=(2, 199)) for root in chance]
+    right = [one[:, :1] * value for one, value in zip(groups, values, strict=True)]
+    known = (np.ones(1, np.intp), np.full((1, 1), prior), np.zeros(1))
+    return _compared("abcd"[: len(groups)], groups, right, draws, range(len(groups)), np.arange(1), known)
+
+
+@pytest.mark.parametrize(("second", "broken"), [(0.115, False), (0.01, True)])
+def test_what_hides_a_law_in_all_runs_does_not_make_small_differences_large(second: float, broken: bool) -> None:
+    """A tolerance that acts as the law does in both runs, to a hundredth: differences are seen, the law hardly."""
+    energy, alike = 1e5, 0.9999
+    both = energy * np.array([[1.0, alike], [alike, 1.0]])
+    said = of_groups([both, both], [0.1, second], prior=400.0)
+    a, b = said.spread.values()
+    assert min(a[0], b[0]) > 5.0 * said.difference(0, "a", "b")[1]
+    assert said.p <= SELECTION.failing_chance
+    assert said.further - np.mean(said.null) > SELECTION.inconstant_share * said.common
+    assert said.differ_by_more_than(SELECTION.inconstant_share) == broken
+
+
+@pytest.mark.parametrize("energy", [(1.0, 1.0, 1.0), (1.0, 0.3, 0.01)])
+@pytest.mark.parametrize("alike", [0.0, 0.999])
+def test_differences_as_large_as_a_law_are_those_of_a_law_that_one_run_alone_has(
+    energy: Sequence[float], alike: float
+) -> None:
+    """The sum over the runs of what differences explain then, which is never more than the law itself does.
+
+    Unless the runs have something in common that hides it.
+    """
+    groups = [1e5 * e * np.array([[1.0, alike], [alike, 1.0]]) for e in energy]
+    said = of_groups(groups, [0.2] * 3, prior=1.0)
+    each = [of_groups(groups, np.eye(3)[r] * 0.2, prior=1.0).further for r in range(3)]
+    assert said.apart == pytest.approx(1.5 * sum(each))
+    if alike:
+        assert said.apart > 5.0 * said.common
+    else:
+        assert said.apart <= said.common * (1.0 + 1e-9)
+        assert (said.apart == pytest.approx(said.common)) == (energy[1] == 1.0)
 
 
 @pytest.mark.parametrize("key", [CUBIC.key, "coulomb.rear"])

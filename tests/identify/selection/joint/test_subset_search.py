@@ -310,7 +310,7 @@ def test_where_nothing_else_is_unlisted_what_changes_is_said_and_weaker_laws_may
     fitted: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch
 ):
     bar, damper = (effect.key for effect in LAWS)
-    runs = ParameterConstancy({"a": np.ones(1)}, {"a": np.ones(1)}, 1.0, 2.0, np.zeros(99), {})
+    runs = ParameterConstancy({"a": np.ones(1)}, np.ones((1, 1, 1, 1)), 1.0, 1.0, 2.0, np.zeros(99), {})
     for room in ("rest", "settings"):
         monkeypatch.setattr(f"lacet.identify.selection.{room}.SELECTION", replace(SELECTION, effect_size=10.0))
     monkeypatch.setattr("lacet.identify.selection.diagnose._not_constant", lambda *_: {bar: runs})
@@ -325,7 +325,9 @@ def test_beside_a_rest_a_laws_parameters_may_differ_by_as_much_as_a_selected_law
     subset: Joint, monkeypatch: pytest.MonkeyPatch, spread: float, constant: bool
 ):
     """In each run; without a rest in its rows only all runs count."""
-    runs = ParameterConstancy({}, {}, 10_000.0, 20.0, np.full(99, 2.0), {"a": 0.0, "b": spread**2})
+    runs = ParameterConstancy(
+        {}, np.zeros((0, 1, 0, 1)), 10_000.0, 10_000.0, 20.0, np.full(99, 2.0), {"a": 0.0, "b": spread**2}
+    )  # fmt: skip
     monkeypatch.setattr("lacet.identify.selection.diagnose.chow_test_in_model", lambda *_: runs)
     bar = next(law for law in subset.laws if law.key == "anti_roll_bar.front")
     rest = Rest.of(subset.space, subset.laws)

@@ -167,7 +167,7 @@ def test_a_slope_that_changes_from_run_to_run_says_that_wheels_may_move(monkeypa
     assert "these runs show that they do not" in says(sure)
     assert next(c for c in sure.found if c.key == BAR.key).values[0] == pytest.approx(9000.0, rel=0.1)
     values = {run: np.array([slope]) for run, slope in (("a", 0.0), ("b", 0.2))}
-    runs = ParameterConstancy(values, {run: np.ones(1) for run in values}, 1.0, 1.0, np.ones(9), {})
+    runs = ParameterConstancy(values, np.eye(2).reshape(2, 1, 2, 1), 1.0, 1.0, 1.0, np.ones(9), {})
     monkeypatch.setattr("lacet.identify.selection.diagnose._not_constant", lambda *_: {SLOPE.key: runs})
     unsure = diagnosed(0.0)
     assert unsure.without_tables == LackingTables(("rear",), ("rear",), ("rear",))
