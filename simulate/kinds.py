@@ -102,6 +102,9 @@ KINDS: dict[str, Kind] = {
     # wheels that rotate more than in the base model
     "toe_change": Kind("wheel toes in by size·s; what the tyre does on the turn is felt by the spring", "rad/m"),
     "camber_change": Kind("top of the wheel leans outward by size·s; felt by the spring likewise", "rad/m"),
+    "pitch_change": Kind(
+        "carrier pitches nose down by size·s; what its brake does on the turn is felt likewise", "rad/m"
+    ),
     "steer_compliance": Kind(
         "carrier steered by size × the lateral force on it (seen by the cameras: no model lacks it)", "rad/N"
     ),

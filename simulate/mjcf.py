@@ -76,6 +76,7 @@ def wheel_turns(car: Car, hidden: Sequence[Hidden]) -> NDArray[np.float64]:
     for i, corner in enumerate(CORNERS):
         side = 1.0 if corner[1] == "l" else -1.0
         out[i, 0] = -side * total_at(hidden, "camber_change", corner)
+        out[i, 1] = total_at(hidden, "pitch_change", corner)
         out[i, 2] = -side * total_at(hidden, "toe_change", corner)
     return out
 

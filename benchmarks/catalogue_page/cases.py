@@ -144,6 +144,7 @@ CASES: dict[str, Case] = {
     "toe_change": Case(
         "lateral wheel force", "sinus amplitude=0.06", "suspension.f*", "toe_change.front", -0.9, beside=BUMPY
     ),
+    "pitch_change": Case("heave", BUMPY, "chassis.fx", "pitch_change.front", 1.0, beside=STEERING),
     "sensor_crosstalk": Case(
         "longitudinal acceleration", BRAKING, "chassis.fz", "sensor_crosstalk.wheel.force", 0.03,
         {"x": 0.0, "y": 0.0, "zx": 1.0}, BUMPY,

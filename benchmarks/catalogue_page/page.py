@@ -29,7 +29,7 @@ GROUPS = (
 )  # fmt: skip
 MEASURED = "Already measured"
 """The group of what the measurements hold."""
-KINEMATICS = ("anti_dive", "jacking", "wheel_turn")
+KINEMATICS = ("anti_dive", "jacking", "pitch_change", "wheel_turn")
 """Modules of effects that correct the bench table's kinematics."""
 SIGNS = {"positive": "usually positive", "negative": "usually negative", "any": "either sign"}
 NAMES_SHOWN = 3

@@ -29,9 +29,9 @@ from lacet.identify.car.road import Road, RoadPlane
 from lacet.identify.car.rows import Row
 from lacet.identify.car.sources.completion import completed
 from lacet.identify.car.sources.nominal_load import known_masses, known_parameters
-from lacet.identify.car.torques import Torque, suspension_torque
+from lacet.identify.car.torques import Torque, suspension_torque, torque_on_carrier
 from lacet.identify.car.wheel_joints import WheelJoints
-from lacet.identify.car.wheel_load import load_in_body
+from lacet.identify.car.wheel_load import load_in_body, pitches
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.vectors import Array, cross, dot, turn, turned, unit
 from lacet.identify.signals.filters import Filters
@@ -72,9 +72,9 @@ def build_motion(
     wheels = [WHEEL[c] for c in geometry]
     frames = _CAR.chain.propagate(q, qd, qdd, start=CHASSIS, base=_into_frame6(body), wanted=wheels)
     corners = dict(still.corners) if still else {}
-    corners |= {
-        c: _corner(vehicle.corners[c], part, frames, road, plane, measured.torques, rig) for c, part in geometry.items()
-    }
+    for c, part in geometry.items():
+        on_carrier = torque_on_carrier(vehicle.corners[c], recording.signals.value, recording.brakes)
+        corners[c] = _corner(vehicle.corners[c], part, frames, road, plane, measured.torques, on_carrier, rig)
     road_height = float(np.mean([corner.position[2] - corner.height for corner in vehicle.corners.values()]))
     return Motion(
         name=recording.run, t=grid, filters=recording.filters, reference=recording.reference, body=body,
@@ -82,12 +82,13 @@ def build_motion(
         rows=tuple(measured.torques), left_out=measured.left_out, usable=measured.usable,
         channels=frozenset(recording.signals.value), notes=(*recording.notes, *measured.notes), ahead=measured.ahead,
         masses=known_masses(recording), known=known_parameters(recording), road_height=road_height,
+        pitching=frozenset(c for c in CORNERS if pitches(f"wheel.{c}.force", rig)),
     )  # fmt: skip
 
 
 def _corner(
     corner: Corner, part: _Branch, frames: Sequence[FrameMotion | None], road: Road, plane: RoadPlane,
-    rows: Mapping[Row, Torque], rig: Rig,
+    rows: Mapping[Row, Torque], on_carrier: Torque, rig: Rig,
 ) -> CornerMotion:  # fmt: skip
     """One corner's motion and loads, from its geometry and the motion of the chain's frames."""
     c, values, spin_axis, normal = corner.name, road.signals.value, part.spin_axis, plane.normal
@@ -97,6 +98,8 @@ def _corner(
     tilt = np.sqrt(1.0 - lean**2)
     height, height_rate = road.height(c, plane, part.centre, part.velocity)
     torques = _torques(c, part.dphi_ds, spin_axis, rows, values)
+    moment = load_in_body(values, f"wheel.{c}.moment", part.axes, rig, normal)
+    turned_by, other_torques = _worked(on_carrier, spin_axis, spin_axis, values)
     by_other = None
     if part.other_dphi_ds is not None:
         by_other = _torques_by_other(c, part.other_dphi_ds, spin_axis, rows, values)
@@ -115,8 +118,9 @@ def _corner(
         wheel_dphi_ds=torques[0],
         torque_work=torques[1],
         torque=torques[2],
+        torque_on_carrier=dot(moment, turned_by) + other_torques,
         force=load_in_body(values, f"wheel.{c}.force", part.axes, rig, normal),
-        moment=load_in_body(values, f"wheel.{c}.moment", part.axes, rig, normal),
+        moment=moment,
         spin_axis=spin_axis,
         spin=part.spin,
         spin_accel=part.spin_accel,

@@ -75,6 +75,8 @@ class CornerMotion:
         row from which the half-shaft torque was eliminated.
     torque_work : work per unit of travel of the torque that enters the suspension row [N].
     torque : torque on the wheel that enters the spin row, half-shaft less brake [N·m].
+    torque_on_carrier : torque about the spin axis that does work on a pitch of the carrier with travel [N·m]; 0 where
+        it is not known.
     force, moment : measured wheel load, about the wheel centre [N, N·m].
     spin_axis : the wheel's axis, to the left.
     spin, spin_accel : wheel speed about it [rad/s], and its derivative.
@@ -110,6 +112,7 @@ class CornerMotion:
     wheel_dphi_ds: Array
     torque_work: Array
     torque: Array
+    torque_on_carrier: Array
     force: Array
     moment: Array
     spin_axis: Array
@@ -185,6 +188,7 @@ class Motion:
     known : known parameters by name → (N,), where one stands in for a known mass (`car.rows.PARAMETER_OF`). Their force
         is on the left side, too.
     road_height : height of a flat road at design position above the body origin, negative [m].
+    pitching : corners whose wheel loads are measured in axes that pitch with the carrier.
 
     Examples
     --------
@@ -210,6 +214,7 @@ class Motion:
     masses: Mapping[str, Array] = field(default_factory=dict[str, Array])
     known: Mapping[str, Array] = field(default_factory=dict[str, Array])
     road_height: float = 0.0
+    pitching: frozenset[str] = frozenset()
     _off: dict[tuple[tuple[str, ...], float, float], Motion] = field(
         default_factory=dict[tuple[tuple[str, ...], float, float], "Motion"], init=False, repr=False, compare=False
     )

@@ -69,6 +69,12 @@ def torque_in(row: Row, vehicle: Vehicle, measured: Container[str], brakes: str)
     return Torque()
 
 
+def torque_on_carrier(corner: Corner, measured: Container[str], brakes: str) -> Torque:
+    """Torques on a wheel that do work on a pitch of its carrier with travel, whether a table has one or not."""
+    found = _suspension_torque(corner, np.inf, measured, brakes)
+    return Torque(eliminated=True) if found.missing is not None else found
+
+
 def _with(own: Torque, each: Mapping[str, Torque]) -> Torque:
     """A row's own torques, with those of corners in it."""
     missing = next((one.missing for one in (own, *each.values()) if one.missing), None)

@@ -12,6 +12,12 @@ from lacet.identify.car.car_tree import orientation
 from lacet.identify.multibody.vectors import Array, cross, turned
 
 
+def pitches(channel: str, rig: Rig) -> bool:
+    """Whether a wheel load is measured in axes that pitch with the carrier."""
+    sensor = rig.sensor_of(channel)
+    return sensor is None or sensor.axes in ("carrier", "sensor")
+
+
 def load_in_body(values: Mapping[str, Array], channel: str, carrier: Array, rig: Rig, normal: Array) -> Array:
     """A wheel load in body axes (3, N), from the axes that the rig declares for it; `carrier` : axes (3, 3, N)."""
     load, spin_axis = values.get(channel), carrier[:, 1]

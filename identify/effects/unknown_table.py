@@ -1,8 +1,8 @@
 """What the bench table of an axle would say that has none: terms of the motion of its wheels, beside their slopes.
 
 By a wheel's own travel s and that of the axle's other one, s', a joint is p s + ½ r s² + q s'. The slopes p are effects
-of the catalogue (``jacking``, ``anti_dive``, ``camber_change``, ``toe_change``); r and q are columns beside these and
-no candidates: a car whose wheels are found to move needs a bench table, and not one term more.
+of the catalogue (``jacking``, ``anti_dive``, ``camber_change``, ``toe_change``, ``pitch_change``); r and q are columns
+beside these and no candidates: a car whose wheels are found to move needs a bench table, and not one term more.
 """
 
 from __future__ import annotations
@@ -11,17 +11,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
-from typing import Self
+from typing import Self, TypeAlias
 
 from lacet.daq.channels import other_corner
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
 from lacet.identify.effects.base import Parameter, PhysicalEffect, sum_by_row
 from lacet.identify.effects.suspension.centre_slopes import AntiDive, CentreSlope, Jacking
+from lacet.identify.effects.suspension.pitch_change import PitchChange
 from lacet.identify.effects.suspension.wheel_turn import CamberChange, ToeChange, WheelTurn
 from lacet.identify.multibody.vectors import Array
 
-SLOPES: tuple[type[CentreSlope | WheelTurn], ...] = (Jacking, AntiDive, CamberChange, ToeChange)
+TableSlope: TypeAlias = CentreSlope | WheelTurn | PitchChange
+SLOPES: tuple[type[TableSlope], ...] = (Jacking, AntiDive, CamberChange, ToeChange, PitchChange)
 REACH = 0.1
 """Travel in which a slope may change by its whole plausible range [m]. Source: a choice; suspensions have twice that
 from stop to stop, and the half-track slope of wishbones changes by 0.4 in it."""
@@ -40,7 +42,7 @@ class By(StrEnum):
 class TableTerm(PhysicalEffect):
     """A term of a table that an axle lacks: of the joint of `slope`, by what it follows."""
 
-    slope: CentreSlope | WheelTurn = field(kw_only=True)
+    slope: TableSlope = field(kw_only=True)
     by: By = field(kw_only=True)
 
     name = "unknown_table"

@@ -231,10 +231,11 @@ def test_lasers_and_cameras_of_a_twisted_rear_are_its_own() -> None:
 
 
 @pytest.mark.parametrize("axle", ["front", "rear"])
-@pytest.mark.parametrize("name", ["toe_change", "camber_change"])
+@pytest.mark.parametrize("name", ["toe_change", "camber_change", "pitch_change"])
 def test_a_carrier_that_turns_with_travel_works_through_the_moments(name: str, axle: str) -> None:
     """By virtual work: one metre of travel turns the wheel, so the moments on it are felt by the spring."""
-    motion, there = drive("sinus", f"{name}.{axle}=0.15", duration=1.5), [0, 1] if axle == "front" else [2, 3]
+    manoeuvre = "braking" if name == "pitch_change" else "sinus"
+    motion, there = drive(manoeuvre, f"{name}.{axle}=0.15", duration=1.5), [0, 1] if axle == "front" else [2, 3]
     n = motion.carrier_attitude[..., 1]
     spin = np.array([CAR.axle(c).spin_inertia for c in CORNERS])
     side = np.array([CAR.axle(c).inboard_transverse + CAR.axle(c).outboard_transverse for c in CORNERS])
@@ -244,7 +245,11 @@ def test_a_carrier_that_turns_with_travel_works_through_the_moments(name: str, a
     assert suspension_residual(motion) == pytest.approx(-work, abs=1e-7)
     assert np.max(np.abs(work[:, there])) > (1.0 if name == "toe_change" else 30.0)
     assert np.max(np.abs(chassis_residual(motion))) < 1e-7
-    if axle == "rear":
+    if name == "pitch_change":
+        forward = motion.carrier_attitude[:, there][..., 0]
+        seen = np.arcsin(-forward[..., 2]) - 0.15 * motion.travel[:, 0][:, there]
+        assert seen == pytest.approx(np.mean(seen, axis=0) * np.ones_like(seen), abs=1e-3)
+    elif axle == "rear":
         seen = motion.camber if name == "camber_change" else motion.steer
         design = np.array([CAR.axle(c).camber if name == "camber_change" else CAR.axle(c).toe for c in CORNERS])
         outward = np.array([-1.0, 1.0, -1.0, 1.0])
@@ -330,9 +335,9 @@ def test_compliant_steering_turns_the_wheel_and_the_cameras_see_it(axle: str) ->
 MECHANICAL = [name for name in KINDS if not Hidden.is_of_sensor(name) and name != "chassis_torsion"]
 SMALL = {
     "engine_mount": 1e-3, "liquid_load": 1e-3, "trailer": 1e-2, "payload": 1e-3, "steer_compliance": 1e-12,
-    "toe_change": 1e-6, "camber_change": 1e-6, "anti_dive": 1e-7, "jacking": 1e-7, "rolling_resistance": 1e-7,
-    "camber_thrust": 1e-7, "aero_drag": 1e-5, "aero_lift": 1e-5, "aero_side": 1e-5, "slope": 1e-6, "tyre_damping": 1e-4,
-    "spring_quadratic": 1.0, "spring_cubic": 100.0, "tyre_progression": 1.0,
+    "toe_change": 1e-6, "camber_change": 1e-6, "pitch_change": 1e-6, "anti_dive": 1e-7, "jacking": 1e-7,
+    "rolling_resistance": 1e-7, "camber_thrust": 1e-7, "aero_drag": 1e-5, "aero_lift": 1e-5, "aero_side": 1e-5,
+    "slope": 1e-6, "tyre_damping": 1e-4, "spring_quadratic": 1.0, "spring_cubic": 100.0, "tyre_progression": 1.0,
     "bump_stop_quadratic": 100.0,
 }  # fmt: skip
 SHAPES = {"bump_stop": {"gap": 0.001}, "bump_stop_quadratic": {"gap": 0.0}, "rebound_stop": {"gap": 0.001}}

@@ -1,7 +1,8 @@
 """Bench tables that are off in proportion: what the axle's tables say of one joint, all of it times 1 + p.
 
 An error of the bench's own scale, which multiplies curves and products of both travels. A slope that is off by the same
-at every travel is an effect of its own: ``jacking``, ``anti_dive``, ``camber_change``, ``toe_change``.
+at every travel is an effect of its own: ``jacking``, ``anti_dive``, ``camber_change``, ``toe_change``,
+``pitch_change``.
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ class AntiDive(CentreSlope):
     shown_by = "braking and accelerating"
     source = "Gillespie (1992), Fundamentals of Vehicle Dynamics, chapter 7 (anti-squat and anti-pitch)"
     rows = ("suspension", "chassis.my", "chassis.mz")
-    looks_like = ("half_wheelbase_table",)
+    looks_like = ("half_wheelbase_table", "pitch_change")
 
     def direction(self, corner: str) -> Array:
         """Forward."""

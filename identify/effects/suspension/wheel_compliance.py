@@ -11,7 +11,8 @@ import numpy as np
 from lacet.daq.channels import other_corner
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import CornerMotion, Motion
-from lacet.identify.effects.base import AXLES, Parameter, PhysicalEffect
+from lacet.identify.effects.base import AXLES, Parameter, PhysicalEffect, sum_by_row
+from lacet.identify.effects.suspension.pitched_carrier import pitched_loads
 from lacet.identify.multibody.vectors import Array, cross, dot, unit
 
 _MICRO = 1e-6
@@ -114,24 +115,9 @@ class LongitudinalCompliance(_WheelCompliance):
 
     def columns(self, motion: Motion) -> dict[str, Array]:
         """Of the shift as above, without work on the travel; of the pitch −F_x times what it turns the loads by."""
-        shift = {row: column[0] for row, column in super().columns(motion).items()}
-        pitch: dict[str, Array] = {}
-        for c in self.corners():
-            corner, (force, moment) = motion.corners[c], self._turned(motion, c)
-            _add(pitch, "chassis.f", -force)
-            _add(pitch, "chassis.m", -moment - cross(corner.centre, force))
-            pitch[f"tyre.{c}"] = -dot(force, corner.normal)[None]
-            work = dot(force, corner.dp_ds) + dot(moment, corner.wheel_dphi_ds)
-            other = motion.corners[other_corner(c)]
-            if other.other_dp_ds is not None and other.other_wheel_dphi_ds is not None:
-                force, moment = self._turned(motion, other_corner(c))
-                work = work + dot(force, other.other_dp_ds) + dot(moment, other.other_wheel_dphi_ds)
-            pitch[f"suspension.{c}"] = -work[None]
-        zero = np.zeros(motion.t.size)
+        shift = super().columns(motion)
+        turns = (pitched_loads(motion, c, _MICRO * self.along(motion, c)) for c in self.corners())
+        pitch = sum_by_row(turns)
+        zero = np.zeros((1, motion.t.size))
         rows = dict.fromkeys([*shift, *pitch])
-        return {row: np.stack([shift.get(row, zero), pitch[row][0] if row in pitch else zero]) for row in rows}
-
-    def _turned(self, motion: Motion, c: str) -> tuple[Array, Array]:
-        """Changes of force and moment of a wheel per unit of p, (3, N) each."""
-        corner, angle = motion.corners[c], _MICRO * self.along(motion, c)
-        return angle * cross(corner.spin_axis, corner.force), angle * cross(corner.spin_axis, corner.moment)
+        return {row: np.concatenate([shift.get(row, zero), pitch.get(row, zero)]) for row in rows}

@@ -16,8 +16,7 @@ import numpy as np
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.base import AXLES, Effect
 from lacet.identify.effects.suspension.bench_table import BenchTable
-from lacet.identify.effects.suspension.centre_slopes import CentreSlope
-from lacet.identify.effects.suspension.wheel_turn import WheelTurn
+from lacet.identify.effects.unknown_table import SLOPES
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.selection.candidate import Confounded
 from lacet.identify.selection.columns.layout import Trial
@@ -28,7 +27,7 @@ from lacet.identify.selection.settings import SELECTION
 
 def axles_without_tables(found: Iterable[Effect], vehicle: Vehicle) -> tuple[str, ...]:
     """Axles of a car without bench tables whose wheels move or turn with the travel, by the effects `found`."""
-    axles = dict.fromkeys(effect.where for effect in found if isinstance(effect, CentreSlope | WheelTurn))
+    axles = dict.fromkeys(effect.where for effect in found if isinstance(effect, SLOPES))
     corners = {axle: [vehicle.corners[c] for c in AXLES[axle]] for axle in axles}
     return tuple(axle for axle, both in corners.items() if all(c.table is None and c.joints is None for c in both))
 
