@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,6 +21,8 @@ RESERVE = 32 << 20
 """Room in the queue for messages other than blocks, which blocks must not displace [bytes]."""
 ANSWER = 20.0
 """Longest time for all replies to a request [s]; what came until then counts."""
+MOST_ASKED = 100
+"""Most recorders whose start records are waited for, the last ones asked [count]: a stranger may claim to be many."""
 OVERHEAD = 512
 """Size of a message in the queue besides its payload [bytes]."""
 
@@ -51,7 +54,8 @@ class Message:
 class BusListener:
     """A subscriber to the runs that match `keys`: messages in a bounded queue, and requests for missed ones.
 
-    Results of earlier runs, and the start record of every recorder that appears, are asked for by itself.
+    Results of earlier runs, and the start record of every recorder that appears, are asked for by itself; the latter
+    again while the recorder is heard and no answer comes.
 
     Attributes
     ----------
@@ -63,6 +67,7 @@ class BusListener:
         self._session = session
         self._queue: BoundedQueue[Message] = BoundedQueue(capacity)
         self._results: dict[str, bytes] = {}
+        self._asked: dict[Keys, float] = {}
         self._lock = threading.Lock()
         kinds = (("block", "*"), ("manifest",), ("ledger",), ("result", "*"))
         self._handles: list[Any] = [session.declare_subscriber(keys.key(*parts), self._on_sample) for parts in kinds]
@@ -74,9 +79,21 @@ class BusListener:
     def get(self, timeout: float) -> Message | None:
         """The next message, waiting up to `timeout` [s]."""
         message = self._queue.get(timeout)
-        if message is not None and message.kind == "alive":
-            self.ask(message.keys, "start")
+        if message is not None:
+            self._ask_start(message)
         return message
+
+    def _ask_start(self, message: Message) -> None:
+        """Ask for the start record of a recorder that appears; again where its answer was lost, or came too late."""
+        keys, kind, now = message.keys, message.kind, time.monotonic()
+        if kind in ("start", "gone", "manifest"):
+            self._asked.pop(keys, None)
+        elif kind == "alive" or now - self._asked.get(keys, now) > ANSWER:
+            self._asked.pop(keys, None)
+            while len(self._asked) >= MOST_ASKED:
+                del self._asked[next(iter(self._asked))]
+            self._asked[keys] = now
+            self.ask(keys, "start")
 
     def watch_claims(self) -> None:
         """Receive the claims of workers on runs, too."""

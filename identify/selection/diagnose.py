@@ -192,16 +192,20 @@ def diagnose_runs(
     if runs.refittable is None:
         return _concluded(runs, floor, joint, rest, _one(joint, progress), listed, seed, progress)
     if not rest.unlisted:
-        found = [_as_found(joint, effect, draws=first.draws) for effect in joint.effects]
+        found = [_as_found(joint, effect, first.draws) for effect in joint.effects]
         changing = _not_constant(joint, rest, found, progress)
         doubted = changing or with_unlisted_rivals(joint, progress)
-        without, remains = _without_doubted(joint, doubted, seed, progress) if doubted else (joint, rest)
-        if not remains.unlisted:
-            if changing:
+        if doubted:
+            without, rows = _without_doubted(joint, doubted, seed, progress)
+            # What an unlisted law does better was found, however small it is; what changes is declared without a rest.
+            remains = Rest.of(without.space, without.laws, frozenset() if changing else rows)
+            if remains.unlisted:
+                joint, rest = without, remains
+            elif changing:
                 found = [c for c in found if c.key not in without.parts]
                 joint = replace(joint, parts=without.parts)
+        if not rest.unlisted:
             return _concluded(runs, floor, joint, rest, found, listed, seed, progress, not_constant=changing)
-        joint, rest = without, remains
     known = described(joint, rest, seed, progress)
     found = [_as_found(known.beside, effect, first.draws) for effect in known.beside.effects]
     return _concluded(runs, floor, known.joint, known.rest, found, listed, seed, progress, known)
@@ -230,9 +234,11 @@ def _settled(joint: Joint, seed: int, progress: Progress) -> tuple[Joint, Rest]:
     return standing, rest if standing is joint else Rest.of(standing.space, standing.laws)
 
 
-def _without_doubted(joint: Joint, keys: Collection[str], seed: int, progress: Progress) -> tuple[Joint, Rest]:
+def _without_doubted(
+    joint: Joint, keys: Collection[str], seed: int, progress: Progress
+) -> tuple[Joint, frozenset[Row]]:  # fmt: skip
     """The same without these effects, which stand for something unlisted, and without others that may be parts of the
-    same cause; and the rest.
+    same cause; and the rows of these effects.
 
     They change from run to run, and nothing that belongs to the car does; or one law of no catalogue does their work.
     Others in the same rows may stand for it as well: they are compared with what remains there however small it is.
@@ -240,10 +246,9 @@ def _without_doubted(joint: Joint, keys: Collection[str], seed: int, progress: P
     standing = [one for one in (*joint.laws, *joint.faults) if one.key in keys]
     for one in standing:
         joint = less_a_part(joint, one.key, seed, progress)
-    doubted = frozenset(row for one in standing for row in one.rows)
-    joint, rest = not_part_of_the_rest(*with_all_tested(joint, seed, progress, doubted), seed, progress)
-    joint = only_encompassing(joint, seed, progress) if rest.unlisted else joint
-    return joint, Rest.of(joint.space, joint.laws)
+    rows = frozenset(row for one in standing for row in one.rows)
+    joint, rest = not_part_of_the_rest(*with_all_tested(joint, seed, progress, rows), seed, progress)
+    return only_encompassing(joint, seed, progress) if rest.unlisted else joint, rows
 
 
 def _of_another_start(joint: Joint, rest: Rest, seed: int, progress: Progress) -> tuple[Joint, Rest]:

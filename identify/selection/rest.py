@@ -186,7 +186,7 @@ class Rest:
     forces : row → RMS of what remains above the floor [N or N·m], and the row's own RMS variation.
     unlisted : rows with a rest that matters, farthest above their floor first; `small` those whose rest is less than
         the user's effect size, or than the laws found may be inexact.
-    doubted : rows in which whatever remains counts, as effects that act there change from run to run.
+    doubted : rows in which whatever remains counts, as effects were found there that stand for something unlisted.
     """
 
     lack: LackOfFit

@@ -20,8 +20,8 @@ def channel_state(
 ) -> dict[str, str]:  # fmt: skip
     """State of a channel in words, and its `kind`: ``good``, ``warn`` or ``bad``.
 
-    A fault that the recorder finds is the channel's state, so that channels and sensors agree; once the run is over, it
-    is the state at its end.
+    A fault that the recorder finds is the channel's state, so that channels and sensors agree, also on a page that was
+    opened after the last sample; once the run is over, it is the state at its end.
 
     Parameters
     ----------
@@ -31,10 +31,11 @@ def channel_state(
     recording : whether it should be heard now.
     fault : state of its sensor, as the recorder said last, where the channel is at fault.
     """
-    if age is None:
+    if age is None and not fault:
         return {"kind": "bad", "text": "never heard"}
     when = "" if recording else " at the end"
-    if fault == SensorState.SILENT or (recording and age > max(SILENT, MISSED / expected if expected else 0.0)):
+    late = age is not None and age > max(SILENT, MISSED / expected if expected else 0.0)
+    if fault == SensorState.SILENT or (recording and late):
         return {"kind": "bad", "text": f"silent{when}"}
     if fault:
         return {"kind": "warn", "text": f"{fault}{when}"}

@@ -15,6 +15,7 @@ import pytest
 import zenoh
 
 from lacet.daq.blocks import Block
+from lacet.daq.bus import listener as bus_listener
 from lacet.daq.bus import publisher as bus_publisher
 from lacet.daq.bus.listener import BusListener, unpack_blocks
 from lacet.daq.bus.publisher import RunPublisher
@@ -137,6 +138,29 @@ def test_an_answer_in_many_replies_is_whole(bus, monkeypatch):
         i: message for i, message in bus.spool.messages("imu.accel") if i >= 3
     }
     assert requested(listener, publisher.keys, BLOCKS, BLOCKS + 9) == {}
+    listener.close()
+    publisher.close()
+
+
+def test_a_start_record_whose_answer_was_lost_is_asked_for_again(bus, monkeypatch):
+    """A program that gets no processor for a while joins a run that is recorded."""
+    listener, replies = BusListener(bus.client), BusListener._on_reply
+    monkeypatch.setattr(BusListener, "_on_reply", lambda self, reply: None)
+    publisher = bus.publisher()
+    kinds: list[str] = []
+
+    def heard(kind: str) -> bool:
+        kinds.extend(message.kind for _ in range(100) if (message := listener.get(0.02)) is not None)
+        return kind in kinds
+
+    wait_until(lambda: heard("alive"))
+    publish(publisher)
+    wait_until(lambda: heard("block"))
+    monkeypatch.setattr(BusListener, "_on_reply", replies)
+    assert "start" not in kinds
+    monkeypatch.setattr(bus_listener, "ANSWER", 0.0)
+    publish(publisher)
+    wait_until(lambda: heard("start"))
     listener.close()
     publisher.close()
 

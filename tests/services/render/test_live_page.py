@@ -44,7 +44,8 @@ def test_the_state_of_a_channel(of: tuple[float, float, float, int, int, bool], 
 )
 def test_a_fault_of_the_sensor_is_the_state_of_its_channel(fault: str, recording: bool, kind: str, text: str):
     assert channel_state(0.1, 500.0, 500.0, 0, 0, recording, fault) == {"kind": kind, "text": text}
-    assert channel_state(None, None, 500.0, 0, 0, recording, fault)["text"] == "never heard"
+    assert channel_state(None, None, 500.0, 0, 0, recording, fault)["text"] == text  # nothing came since it was opened
+    assert channel_state(None, None, 500.0, 0, 0, recording)["text"] == "never heard"
 
 
 def test_channels_and_sensors_agree_at_the_end_of_a_run():

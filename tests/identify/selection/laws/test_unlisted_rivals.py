@@ -11,6 +11,7 @@ import pytest
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.language.compiled import one_line_effects
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.candidate import Answer, Reason
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.diagnose import diagnose
 from lacet.identify.selection.joint.refits import Joint, beside_of
@@ -131,9 +132,12 @@ def test_a_better_law_is_better_by_more_than_chance(groove_and_bar: Fit, floor: 
     assert not _is_better(best, lambda fall, null: True)
 
 
-@pytest.mark.parametrize(("size", "declared"), [(300.0, False), (500.0, True)])
-def test_a_diagnosis_declares_the_cause_unlisted_unless_it_is_small(size: float, declared: bool, floor: NoiseFloor):
-    """Nothing remains beside the listed law; without it what remains must be at least the user's effect size."""
+@pytest.mark.parametrize("size", [300.0, 500.0])
+def test_a_diagnosis_declares_the_cause_unlisted(size: float, floor: NoiseFloor):
+    """Nothing remains beside the listed law, and of the smaller one less than chance leaves in a row without it."""
     diagnosis = diagnose(car_with((GROOVE, size)), floor, CANDIDATES)
-    assert (diagnosis.unlisted, [c.key for c in diagnosis.found]) == (declared, [] if declared else [STROKE.key])
-    assert bool(diagnosis.formulas) == declared
+    assert (diagnosis.unlisted, diagnosis.found) == (True, ())
+    assert diagnosis.unlisted_rows
+    assert diagnosis.formulas
+    (stroke,) = (c for c in diagnosis.candidates if c.key == STROKE.key)
+    assert (stroke.answer, stroke.reason) == (Answer.UNDECIDED, Reason.PART_OF_REST)
