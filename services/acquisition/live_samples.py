@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass, field
 from typing import Any
 
 from lacet.daq.blocks import Block
@@ -21,9 +22,31 @@ from lacet.services.acquisition.sensor_monitor import SensorState
 LEAST_FREE = 5 * RESERVE_BYTES
 """Least free space on the disk of temporary files at which samples are still put there [bytes]: a recorder that writes
 to the same disk stops at `RESERVE_BYTES`."""
+ATTEMPTS = 3
+"""Answers in succession without a block after which blocks are not there any more [count]."""
 EVER = 2**63 - 1
 """Later than every stamp [ns]."""
 _SOUND = (SensorState.RUNNING, SensorState.WAITING)
+
+
+@dataclass(frozen=True)
+class _Request:
+    """Numbers of the blocks of a channel that are asked for; `came` those that came, `empty` answers without any."""
+
+    channel: str
+    first: int
+    last: int
+    empty: int = 0
+    came: set[int] = field(default_factory=set[int])
+
+    def again(self) -> _Request | None:
+        """For what did not come, as on a busy machine an answer may be cut off; None where all came, or nothing will.
+
+        What the recorder keeps no more comes in no answer, and is asked for `ATTEMPTS` times.
+        """
+        missing = [number for number in range(self.first, self.last + 1) if number not in self.came]
+        empty = 0 if self.came else self.empty + 1
+        return _Request(self.channel, missing[0], missing[-1], empty) if missing and empty < ATTEMPTS else None
 
 
 class LiveSamples:
@@ -52,8 +75,8 @@ class LiveSamples:
         self.full = self._dropped = False
         self._space = DiskSpace()
         self._channels: dict[str, BlockStore] = {}
-        self._wanted: list[tuple[str, int, int]] = []
-        self._asked: tuple[str, int] | None = None
+        self._wanted: list[_Request] = []
+        self._asked: _Request | None = None
         self._sought = False
 
     def blocks(self, from_ns: int = 0, to_ns: int = EVER) -> dict[str, Block]:
@@ -91,6 +114,8 @@ class LiveSamples:
             elif message.kind == "blocks":
                 for number, body in unpack_blocks(message):
                     self._store(message.name, number, block_from_bytes(body)[0])
+                    if self._asked is not None and message.name == self._asked.channel:
+                        self._asked.came.add(number)
             elif message.kind == "answered":
                 self._go_on()
             elif message.kind == "ledger":
@@ -115,7 +140,7 @@ class LiveSamples:
         if not self._dropped:
             end = self._channels.setdefault(message.name, BlockStore()).end
             for first in range(end, number, REQUEST):
-                self._wanted.append((message.name, first, min(first + REQUEST, number) - 1))
+                self._wanted.append(_Request(message.name, first, min(first + REQUEST, number) - 1))
         self._store(message.name, number, block)
 
     def _store(self, name: str, number: int, block: Block) -> None:
@@ -135,20 +160,23 @@ class LiveSamples:
         if self._channels or self._dropped or self._sought or self.start is None:
             return
         self._sought = True
-        self._wanted += [(name, 0, REQUEST - 1) for name in recorded_axes(self.start)]
+        self._wanted += [_Request(name, 0, REQUEST - 1) for name in recorded_axes(self.start)]
 
     def _go_on(self) -> None:
-        """After an answer that had all blocks asked for, ask for those after them, of sensors that are silent."""
-        (name, first), self._asked = self._asked or ("", 0), None
-        if self._sought and name in self._channels and self._channels[name].end >= first + REQUEST:
-            self._wanted.append((name, first + REQUEST, first + 2 * REQUEST - 1))
+        """After an answer, ask again for blocks that it had not; of sensors that are silent, for those after them."""
+        asked, self._asked = self._asked, None
+        if asked is None:
+            return
+        if (again := asked.again()) is not None:
+            self._wanted.append(again)
+        elif self._sought and asked.last in asked.came:
+            self._wanted.append(_Request(asked.channel, asked.last + 1, asked.last + REQUEST))
 
     def _ask(self) -> None:
         """Ask for what was missed, one request at a time."""
         if self._asked is None and self._wanted and self.keys is not None:
-            name, first, last = self._wanted.pop(0)
-            self._asked = name, first
-            self._listener.ask_blocks(self.keys, name, first, last)
+            self._asked = asked = self._wanted.pop(0)
+            self._listener.ask_blocks(self.keys, asked.channel, asked.first, asked.last)
 
     @property
     def recording(self) -> bool:

@@ -85,6 +85,27 @@ class FreeConstants:
                         best[name] = FreeStep(trial.effect, option.effect, fall, gain)
         return sorted(best.values(), key=lambda step: -step.gain)
 
+    def in_place_of_one(self, candidates: Collection[str]) -> list[tuple[FreeStep, str]]:
+        """Steps with a candidate in the place of a selected effect, whose key is returned with each; as `steps`.
+
+        For each candidate and effect the best, if all explain more so, or as much with fewer constants.
+        """
+        tried = [trial for trial in self.trials if trial.effect.key in candidates]
+        blocks, best = _Blocks.of(tried), dict[tuple[str, str], FreeStep]()
+        present, _ = self._given(self.own.values())
+        for key, own in self.own.items():
+            for name, options in self._options().items():
+                less, normal = self._given(trial for other, trial in self.own.items() if other not in (key, name))
+                for option in options if name != key else ():
+                    by_option, after = self._swept(normal, option.place)
+                    for trial, fall in zip(tried, blocks.falls(after, self.right, self.least).tolist(), strict=True):
+                        pair, gain = (key, trial.effect.key), less + by_option + fall - present
+                        fewer = constant_count(trial.effect) < constant_count(own.effect)
+                        least = 0.0 if fewer else SELECTION.least_refinement_fall
+                        if gain > (best[pair].gain if pair in best else least):
+                            best[pair] = FreeStep(trial.effect, option.effect, fall, gain)
+        return [(step, key) for (key, _), step in sorted(best.items(), key=lambda one: -one[1].gain)]
+
     def loss_without(self, key: str) -> tuple[float, Effect | None]:
         """Rise of the weighted squares without a selected effect, the constants of another one free.
 
@@ -145,6 +166,11 @@ class FreeConstants:
         rows = normal[at]
         gain = solved(rows[:, at], rows)
         return float(rows[:, self.right] @ gain[:, self.right]), normal - rows.T @ gain
+
+
+def constant_count(effect: Effect) -> int:
+    """Number of the sizes and searched shape constants of an effect."""
+    return len(effect.parameters) + len(effect.grids)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,5 @@
-"""Sets of laws with other shape constants than those found, to be fitted: with a law more, with one less, or the same.
+"""Sets of laws with other shape constants than those found, to be fitted: with a law more, with one less, one
+exchanged, or the same.
 
 An effect selected early gets the constants with which it does the work of those that are missing beside it: a bump stop
 without a gap that of a progressive spring, which then explains nothing more. Or it is another law than the true one,
@@ -15,7 +16,7 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.selection.columns.candidate_columns import WITHOUT_COLUMN
 from lacet.identify.selection.columns.linearisation import Linearisation
-from lacet.identify.selection.joint.free_constants import FreeConstants, FreeStep
+from lacet.identify.selection.joint.free_constants import FreeConstants, FreeStep, constant_count
 from lacet.identify.selection.joint.refits import Joint, beside_removed, less
 from lacet.identify.selection.joint.shape_constants import fall_of, with_best_constants
 from lacet.identify.selection.joint.subset_search import inexactness_of
@@ -42,8 +43,8 @@ class OtherLaws:
 def with_other_constants(joint: Joint, seed: int, progress: Progress) -> list[OtherLaws]:
     """Laws in place of those found, with constants searched in one fit.
 
-    With other constants of one law another may be missing, or not needed; two may be another one. Only where laws act
-    on common rows: a law alone there has the constants that its own search found.
+    With other constants of one law another may be missing, not needed, or a simpler one; two may be another one. Only
+    where laws act on common rows: a law alone there has the constants that its own search found.
     """
     laws = [effect for effect in joint.effects if effect.as_physics is not None]
     rows, keys = {law.key: law.rows for law in joint.laws}, [law.key for law in laws]
@@ -63,11 +64,34 @@ def with_other_constants(joint: Joint, seed: int, progress: Progress) -> list[Ot
             less_one = [one for one in _exchanged(best, other) if one.key != law.key]
             sets.append((less_one, {one.key for one in less_one}))
     out = [OtherLaws(with_best_constants(alone, wanted, progress), frozenset(needed)) for wanted, needed in sets]
+    out += _one_for_one(joint, alone, free, best, progress)
     out += itertools.islice(_one_for_two(joint, alone, free, best, progress), SELECTION.most_free_steps)
     if fall_of(alone, best) - fall_of(alone, laws) > SELECTION.least_refinement_fall:
         # With the new constants of one law another may fall out of the fit: it is not needed.
         out.append(OtherLaws(best, frozenset()))
     return out
+
+
+def _one_for_one(
+    joint: Joint, alone: ScoreTests, free: FreeConstants, best: Sequence[Effect], progress: Progress
+) -> Iterator[OtherLaws]:
+    """Laws with a candidate in the place of one, if with the constants of all searched together they explain more.
+
+    Or as much, with fewer constants.
+    """
+    present = fall_of(alone, best)
+    by_key = {law.key: law for law in best}
+    for step, key in free.in_place_of_one(_candidates(joint))[: SELECTION.most_free_steps]:
+        kept = [one for one in _exchanged(best, step.other) if one.key != key]
+        wanted = with_best_constants(alone, [step.candidate, *kept], progress)
+        fewer = constant_count(step.candidate) < constant_count(by_key[key])
+        if fall_of(alone, wanted) >= present + (0.0 if fewer else SELECTION.least_refinement_fall):
+            yield OtherLaws(wanted, frozenset([step.candidate.key, step.other.key]))
+
+
+def _candidates(joint: Joint) -> list[str]:
+    """Keys of the laws of all runs that are tested beside those found."""
+    return [c.key for c in joint.beside if c.tested and not joint.first.effects[c.key].is_of_run()]
 
 
 def _one_for_two(
@@ -81,8 +105,7 @@ def _one_for_two(
     both = [(a, b) for a, b in itertools.combinations(laws.values(), 2) if not a.rows.isdisjoint(b.rows)]
     pairs = {(a.key, b.key): min(a.force, b.force) for a, b in both}
     present = fall_of(alone, best)
-    candidates = [c.key for c in joint.beside if c.tested and not joint.first.effects[c.key].is_of_run()]
-    for _, candidate, pair in free.in_place_of_two(candidates, pairs)[: SELECTION.most_rivals]:
+    for _, candidate, pair in free.in_place_of_two(_candidates(joint), pairs)[: SELECTION.most_rivals]:
         wanted = with_best_constants(alone, [candidate, *(one for one in best if one.key not in pair)], progress)
         weaker = min((laws[key] for key in pair), key=lambda law: law.force)
         p = joint.space.family_wise_of(max(0.0, present - fall_of(alone, wanted)), weaker.null)

@@ -38,11 +38,12 @@ TOO_LATE = replace(STOP, shape={"gap": 0.02, "n": 1.0})
 BAR = KNOWN["anti_roll_bar.rear"]
 SPRING, CUBIC = KNOWN["spring_quadratic.rear"], KNOWN["spring_cubic.rear"]
 HELPER = KNOWN["helper_spring.rear"]
+HELPER_AT_10 = replace(HELPER, shape={"gap": 0.01})
 MISSING = [(STOP, 30000.0), (SPRING, 60000.0), (BAR, 6000.0)]
 GAIN = KNOWN["sensor_gain.hub.fl"]
 LATE = KNOWN["sensor_latency.imu"]
 TRIED = [
-    STOP, SPRING, CUBIC, BAR, KNOWN["coulomb.front"], GAIN,
+    STOP, SPRING, CUBIC, HELPER, BAR, KNOWN["coulomb.front"], GAIN,
     KNOWN["sensor_gain.hub.rr"], LATE,
 ]  # fmt: skip
 
@@ -211,6 +212,44 @@ def test_rise_with_one_law_in_the_place_of_two_is_that_of_the_set(space: ScoreTe
         assert bool(free.in_place_of_two([CUBIC.key], {pair: np.inf})) is there
 
 
+def test_gain_with_a_law_in_the_place_of_one_is_that_of_the_set(space: ScoreTests, monkeypatch: pytest.MonkeyPatch):
+    selected = [TOO_SOON, HELPER_AT_10, BAR]
+    beside = space.given(selected)
+    free = FreeConstants(beside, [effect.key for effect in selected])
+    ((step, _),) = [one for one in free.in_place_of_one([SPRING.key]) if one[1] == HELPER.key]
+    rightly = ScoreTests(beside.columns.given([]), space.noise)
+    assert (step.candidate.key, step.other.key) == (SPRING.key, STOP.key)
+    assert step.other.shape == STOP.shape
+    with_step = [step.other, step.candidate, BAR]
+    assert step.gain == pytest.approx(fall_of(rightly, with_step) - fall_of(rightly, selected), rel=1e-6)
+    # With fewer constants it need not be better by more than chance.
+    monkeypatch.setattr(free_constants, "SELECTION", replace(SELECTION, least_refinement_fall=1.01 * step.gain))
+    assert HELPER.key in [key for _, key in free.in_place_of_one([SPRING.key])]
+    monkeypatch.setattr(free_constants, "constant_count", lambda effect: 1)
+    assert HELPER.key not in [key for _, key in free.in_place_of_one([SPRING.key])]
+
+
+@pytest.mark.parametrize("better", [True, False])
+def test_a_law_takes_the_place_of_one_found_beside_wrong_constants(
+    space: ScoreTests, monkeypatch: pytest.MonkeyPatch, better: bool
+):
+    """A cubic spring beside a stop with other constants is a quadratic one beside the stop; not if all explain less."""
+    wrong = replace(begun(space, [TOO_SOON, CUBIC, BAR]), dropped=frozenset({GAIN.key}))
+    assert CUBIC.key in wrong.keys
+    if not better:
+        monkeypatch.setattr(
+            other_constants, "fall_of", lambda tests, laws: float(CUBIC.key in [law.key for law in laws])
+        )
+    exchanged = [
+        one for one in with_other_constants(wrong, 0, lambda _: None)
+        if one.needed == {SPRING.key, STOP.key} and CUBIC.key not in [law.key for law in one.laws]
+    ]  # fmt: skip
+    assert bool(exchanged) is better
+    if better:
+        (stop,) = (law for law in exchanged[0].laws if law.key == STOP.key)
+        assert stop.shape["gap"] == pytest.approx(STOP.shape["gap"], abs=0.002)
+
+
 @pytest.mark.parametrize("allowed", [True, False])
 def test_one_law_takes_the_place_of_two_that_a_wrong_start_found(
     floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch, allowed: bool
@@ -234,7 +273,7 @@ def test_one_law_takes_the_place_of_two_that_a_wrong_start_found(
 
 def test_other_laws_of_implausible_size_are_no_better(space: ScoreTests, monkeypatch: pytest.MonkeyPatch):
     wrong = begun(space, [STOP, BAR])
-    backwards = OtherLaws([replace(HELPER, shape={"gap": 0.01}), BAR], frozenset([HELPER.key]))
+    backwards = OtherLaws([HELPER_AT_10, BAR], frozenset([HELPER.key]))
     monkeypatch.setattr(rounds, "with_other_constants", lambda joint, seed, progress: [backwards])
     monkeypatch.setattr(rounds, "exchanged", lambda joint, seed, progress: joint)
     assert rounds._refitted(wrong, backwards, 0, lambda _: None).laws[0].implausible is not None
@@ -247,7 +286,8 @@ def test_what_takes_no_place_of_two(space: ScoreTests, monkeypatch: pytest.Monke
     wrong = begun(space, [SPRING, CUBIC, BAR])
     assert any(one.replaced for one in with_other_constants(wrong, 0, lambda _: None))
     if case == "of one run":
-        monkeypatch.setattr(type(STOP), "is_of_run", classmethod(lambda cls: True))
+        for law in (STOP, HELPER):
+            monkeypatch.setattr(type(law), "is_of_run", classmethod(lambda cls: True))
     else:
         monkeypatch.setattr(other_constants, "SELECTION", replace(SELECTION, most_free_steps=0))
     assert not any(one.replaced for one in with_other_constants(wrong, 0, lambda _: None))

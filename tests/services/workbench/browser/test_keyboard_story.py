@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import time
 from pathlib import Path
 from typing import Any
 
@@ -33,18 +32,21 @@ def test_the_story_by_keyboard_alone(browser: Any, ready: Bench, tmp_path: Path)
 
 
 def _next_run_of_an_effect_that_none_shows(watch: Watch) -> None:
-    """It says so after one manoeuvre of each kind, with progress before."""
+    """It says so after one manoeuvre of each kind, with progress before; a slow machine has to be asked again."""
     choice, go = watch.at("next-run").get_by_role("combobox"), watch.at("next-run-go")
     watch.expect(go).to_be_enabled(timeout=LONG)
     choice.select_option("sensor_gain.speed")
     go.focus()
-    begun = time.monotonic()
-    watch.page.keyboard.press("Enter")
     says = watch.at("next-run").locator(".next-says")
-    watch.expect(says).to_contain_text("simulating 2 of", timeout=LONG)
-    watch.expect(says).to_contain_text("shows nothing of it, so the other", timeout=LONG)
+    again = "ask again for the others"
+    while True:
+        watch.page.keyboard.press("Enter")
+        watch.expect(says).to_contain_text("simulating", timeout=LONG)
+        watch.expect(says).to_contain_text("tried", timeout=LONG)
+        if again not in says.inner_text():
+            break
+    watch.expect(says).to_contain_text("shows nothing of it, so the other")
     watch.expect(says).to_contain_text("it would stand out 0.0 times its noise")
-    assert time.monotonic() - begun < 30.0
     watch.picture("next-run")
 
 

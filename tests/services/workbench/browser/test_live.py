@@ -60,9 +60,9 @@ def test_what_the_page_says_is_done_and_a_fit_and_the_server_are_killed(browser:
         watch = opened()
         watch.go("live")
         played, recorded = _said(watch, router)
-        # Again and again, so that a slow machine finds the car still driving whenever it gets there.
-        replay = Command(*played, *to, "--loop", cwd=tmp_path)
-        words = ("--until-idle", 120, "--brakes", "off", "--ack-wait", 0, "--json", "record.json")
+        replay = Command(*played, *to, cwd=tmp_path)
+        # Sensors that are silent at last are those of a slow machine: the recording goes on meanwhile.
+        words = ("--until-idle", 600, "--brakes", "off", "--ack-wait", 0, "--json", "record.json")
         record = Command(*recorded, *words, cwd=tmp_path)
         running += [replay, record]
         line, parameters = watch.at("live-fit-line"), watch.at("live-fit-parameters")
@@ -87,7 +87,6 @@ def test_what_the_page_says_is_done_and_a_fit_and_the_server_are_killed(browser:
             watch.expect(line).to_contain_text("s behind", timeout=LONG)
             _shown(watch)
             watch.expect(watch.at("live-channels")).to_contain_text(" channels, ")
-            replay.process.send_signal(signal.SIGINT)
             assert replay.wait(60) == 0, replay.text()
             watch.expect(watch.at("live-sensors")).to_contain_text("imu: silent")
             record.process.send_signal(signal.SIGINT)
@@ -106,9 +105,7 @@ def test_what_the_page_says_is_done_and_a_fit_and_the_server_are_killed(browser:
     log, sent = LogReader(tmp_path / "example.mcap"), LogReader(SINUS)
     assert log.damage == []
     for source in sent.sources():
-        recorded, once = log.frames(source).data, sent.frames(source).data
-        assert len(recorded) >= len(once)
-        np.testing.assert_array_equal(recorded, np.resize(once, recorded.shape))
+        np.testing.assert_array_equal(log.frames(source).data, sent.frames(source).data)
     assert [mark.text for mark in open_run(tmp_path / "example.mcap").marks] == ["gravel"]
 
 
