@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import threading
-import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -22,7 +21,8 @@ RESERVE = 32 << 20
 ANSWER = 20.0
 """Longest time for all replies to a request [s]; what came until then counts."""
 MOST_ASKED = 100
-"""Most recorders whose start records are waited for, the last ones asked [count]: a stranger may claim to be many."""
+"""Most recorders whose start records are waited for, the first ones of more left out [count]: a stranger may claim to
+be many."""
 OVERHEAD = 512
 """Size of a message in the queue besides its payload [bytes]."""
 
@@ -67,7 +67,7 @@ class BusListener:
         self._session = session
         self._queue: BoundedQueue[Message] = BoundedQueue(capacity)
         self._results: dict[str, bytes] = {}
-        self._asked: dict[Keys, float] = {}
+        self._asked: dict[Keys, int] = {}
         self._lock = threading.Lock()
         kinds = (("block", "*"), ("manifest",), ("ledger",), ("result", "*"))
         self._handles: list[Any] = [session.declare_subscriber(keys.key(*parts), self._on_sample) for parts in kinds]
@@ -84,15 +84,19 @@ class BusListener:
         return message
 
     def _ask_start(self, message: Message) -> None:
-        """Ask for the start record of a recorder that appears; again where its answer was lost, or came too late."""
-        keys, kind, now = message.keys, message.kind, time.monotonic()
+        """Ask for the start record of a recorder that appears; again where its answer was lost, or came too late.
+
+        The recorder's ledger comes each second.
+        """
+        keys, kind = message.keys, message.kind
         if kind in ("start", "gone", "manifest"):
             self._asked.pop(keys, None)
-        elif kind == "alive" or now - self._asked.get(keys, now) > ANSWER:
-            self._asked.pop(keys, None)
-            while len(self._asked) >= MOST_ASKED:
+        elif kind == "ledger" and keys in self._asked:
+            self._asked[keys] += 1
+        if kind == "alive" or self._asked.get(keys, 0) > ANSWER:
+            if keys not in self._asked and len(self._asked) == MOST_ASKED:
                 del self._asked[next(iter(self._asked))]
-            self._asked[keys] = now
+            self._asked[keys] = 0
             self.ask(keys, "start")
 
     def watch_claims(self) -> None:
