@@ -19,8 +19,10 @@ from lacet.simulate.linkage.statics import Loads, Statics
 from lacet.simulate.linkage.truth import values_at
 from lacet.simulate.vehicle_file import vehicle_text
 from tests.identify import cars
-from tests.simulate.linkage.second_cars import RIGID, statics
+from tests.simulate.linkage.second_cars import RIGID, drive, statics
 
+FLOOR = np.array([7.7, 7.7, 9.3, 9.3])
+"""Noise floors of the suspension rows on the second car [N]: docs/benchmarks/second-car.md."""
 NEAR = np.linspace(-4e-3, 4e-3, 33)
 """Travels and racks of the tables [m]: so near the design position and so dense that slopes there are exact. What the
 ends of a natural spline do falls to a quarter from knot to knot: four of half a millimetre left 2e-8."""
@@ -100,6 +102,35 @@ def test_loads_of_both_wheels_do_the_work_that_holds_the_travels(name: str) -> N
     assert np.max(np.abs(cut + held)[2:]) > 20.0
 
 
+@pytest.mark.parametrize("name", RIGID)
+def test_with_the_bench_s_tables_work_along_a_drive_is_the_mechanism_s_to_a_tenth_of_a_noise_floor(name: str) -> None:
+    """Loads, travels and steering of a sinus; the tables are those of bump, roll and steer, as a bench gives them."""
+    run, of = drive(name, "sinus", duration=1.6, amplitude=0.03), statics(name)
+    at = np.linspace(0, len(run.t) - 1, 16).astype(int)
+    force, moment, travel = run.force[at], run.moment[at], run.travel[at]
+    rack, design = run.q[at, of.mechanism.rack_q], of.mechanism.design_attitudes
+    assert np.all(np.ptp(travel, axis=0) > 0.03)
+    work, angles = np.zeros((len(at), 4)), np.zeros((len(at), 4, 2))
+    for k in range(len(at)):
+        shape = of.solve(travel[k], rack[k])
+        values = values_at(of, shape)
+        place = np.concatenate([values.path, np.eye(4)[..., None]], axis=2)
+        work[k] = np.einsum("jx,jix->i", force[k], place) + np.einsum("jx,jix->i", moment[k], values.turn)
+        angles[k] = -SIDE[:, None] * toe_camber_spin(shape.attitudes, design)[:, :2]
+    vehicle = Vehicle.parse(vehicle_text(of.mechanism.car), f"{name}.toml")
+    vehicle = replace(vehicle, corners={c: replace(k, driven=False) for c, k in vehicle.corners.items()})
+    motion = standing(vehicle, angles, force, moment, travel)
+
+    def off(motion: Motion) -> np.ndarray:
+        found = np.stack([motion.measured(Row.parse(f"suspension.{c}")) for c in CORNERS], axis=1)
+        return np.sqrt(np.mean((found - work) ** 2, axis=0)) / FLOOR
+
+    assert np.all(off(motion) < 0.1)
+    # Of the wheel's own travel alone it is more than a floor, where an axle couples its wheels.
+    alone = {c: replace(k, other_dp_ds=None) for c, k in motion.corners.items()}
+    assert np.all(off(replace(motion, corners=alone))[2:] > 1.0)
+
+
 @pytest.mark.parametrize("name", ["second", "second-live-axle"])
 def test_on_rubber_places_under_load_and_its_work_are_the_mechanism_s(name: str) -> None:
     """Wheel centres to 0.02 mm and pitch to 0.01°, 1 mm and 0.2° off without the compliance; the work of the loads to
@@ -138,17 +169,24 @@ def test_on_rubber_places_under_load_and_its_work_are_the_mechanism_s(name: str)
     assert np.max(np.abs(work)) > 30.0
 
 
-def standing(vehicle: Vehicle, angles: np.ndarray, force: np.ndarray, moment: np.ndarray) -> Motion:
-    """A car at its design height with these steer and camber angles (4, 2) and loads (4, 3) in body axes."""
-    signals = cars.random_signals(1, 1)
+def standing(
+    vehicle: Vehicle, angles: np.ndarray, force: np.ndarray, moment: np.ndarray, travel: np.ndarray | None = None
+) -> Motion:
+    """A car at rest with these steer and camber angles (N, 4, 2) and loads (N, 4, 3) in body axes.
+
+    `travel` (N, 4) of its wheels, or its design height; of one position without the first dimension.
+    """
+    angles, force, moment = (x if x.ndim == 3 else x[None] for x in (angles, force, moment))
+    signals = cars.random_signals(1, len(force))
     rig = Rig.load("peugeot-406")
     body = {s.name: "body" for s in rig.sensors if any("force" in channel for channel in s.channels)}
     rig = cars.in_reference(rig, rig.wheel_reference, body)
     value = dict(signals.value)
     flat = build_motion(cars.recording(signals, vehicle, rig))
     for i, c in enumerate(CORNERS):
-        value[f"laser.{c}.hub"] = value[f"laser.{c}.hub"] + flat.corners[c].travel
-        value[f"camera.{c}.steer"], value[f"camera.{c}.camber"] = angles[i, :1, None], angles[i, 1:, None]
-        value[f"wheel.{c}.force"], value[f"wheel.{c}.moment"] = force[i][:, None], moment[i][:, None]
+        down = 0.0 if travel is None else travel[:, i]
+        value[f"laser.{c}.hub"] = value[f"laser.{c}.hub"] + flat.corners[c].travel - down
+        value[f"camera.{c}.steer"], value[f"camera.{c}.camber"] = angles[None, :, i, 0], angles[None, :, i, 1]
+        value[f"wheel.{c}.force"], value[f"wheel.{c}.moment"] = force[:, i].T, moment[:, i].T
     value.pop("brake.pressure", None)
     return build_motion(cars.recording(replace(signals, value=value), vehicle, rig))
