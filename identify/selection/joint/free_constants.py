@@ -88,7 +88,7 @@ class FreeConstants:
     def in_place_of_one(self, candidates: Collection[str]) -> list[tuple[FreeStep, str]]:
         """Steps with a candidate in the place of a selected effect, whose key is returned with each; as `steps`.
 
-        For each candidate and effect the best, if all explain more so, or as much with fewer constants.
+        For each candidate and effect the best, if all explain more so, or with fewer constants as much (`least_gain`).
         """
         tried = [trial for trial in self.trials if trial.effect.key in candidates]
         blocks, best = _Blocks.of(tried), dict[tuple[str, str], FreeStep]()
@@ -100,8 +100,7 @@ class FreeConstants:
                     by_option, after = self._swept(normal, option.place)
                     for trial, fall in zip(tried, blocks.falls(after, self.right, self.least).tolist(), strict=True):
                         pair, gain = (key, trial.effect.key), less + by_option + fall - present
-                        fewer = constant_count(trial.effect) < constant_count(own.effect)
-                        least = 0.0 if fewer else SELECTION.least_refinement_fall
+                        least = least_gain(trial.effect, own.effect)
                         if gain > (best[pair].gain if pair in best else least):
                             best[pair] = FreeStep(trial.effect, option.effect, fall, gain)
         return [(step, key) for (key, _), step in sorted(best.items(), key=lambda one: -one[1].gain)]
@@ -168,8 +167,16 @@ class FreeConstants:
         return float(rows[:, self.right] @ gain[:, self.right]), normal - rows.T @ gain
 
 
-def constant_count(effect: Effect) -> int:
-    """Number of the sizes and searched shape constants of an effect."""
+def least_gain(candidate: Effect, law: Effect) -> float:
+    """Weighted squares by which a candidate in the place of a law must explain more, with all constants searched anew.
+
+    It may be less by as much as the search of constants leaves, if it has fewer sizes and constants than the law.
+    """
+    fewer = _constants(candidate) < _constants(law)
+    return -SELECTION.least_refinement_fall if fewer else SELECTION.least_refinement_fall
+
+
+def _constants(effect: Effect) -> int:
     return len(effect.parameters) + len(effect.grids)
 
 

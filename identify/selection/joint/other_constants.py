@@ -16,7 +16,7 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.selection.columns.candidate_columns import WITHOUT_COLUMN
 from lacet.identify.selection.columns.linearisation import Linearisation
-from lacet.identify.selection.joint.free_constants import FreeConstants, FreeStep, constant_count
+from lacet.identify.selection.joint.free_constants import FreeConstants, FreeStep, least_gain
 from lacet.identify.selection.joint.refits import Joint, beside_removed, less
 from lacet.identify.selection.joint.shape_constants import fall_of, with_best_constants
 from lacet.identify.selection.joint.subset_search import inexactness_of
@@ -75,17 +75,13 @@ def with_other_constants(joint: Joint, seed: int, progress: Progress) -> list[Ot
 def _one_for_one(
     joint: Joint, alone: ScoreTests, free: FreeConstants, best: Sequence[Effect], progress: Progress
 ) -> Iterator[OtherLaws]:
-    """Laws with a candidate in the place of one, if with the constants of all searched together they explain more.
-
-    Or as much, with fewer constants.
-    """
+    """Laws with a candidate in the place of one, if they explain more, or with fewer constants as much."""
     present = fall_of(alone, best)
     by_key = {law.key: law for law in best}
     for step, key in free.in_place_of_one(_candidates(joint))[: SELECTION.most_free_steps]:
         kept = [one for one in _exchanged(best, step.other) if one.key != key]
         wanted = with_best_constants(alone, [step.candidate, *kept], progress)
-        fewer = constant_count(step.candidate) < constant_count(by_key[key])
-        if fall_of(alone, wanted) >= present + (0.0 if fewer else SELECTION.least_refinement_fall):
+        if fall_of(alone, wanted) - present > least_gain(step.candidate, by_key[key]):
             yield OtherLaws(wanted, frozenset([step.candidate.key, step.other.key]))
 
 

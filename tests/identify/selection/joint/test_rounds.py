@@ -16,7 +16,7 @@ from lacet.identify.selection import diagnose
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.joint import free_constants, other_constants, rounds, subset_search
 from lacet.identify.selection.joint.alternatives import Alternative
-from lacet.identify.selection.joint.free_constants import FreeConstants
+from lacet.identify.selection.joint.free_constants import FreeConstants, least_gain
 from lacet.identify.selection.joint.other_constants import OtherLaws, with_other_constants
 from lacet.identify.selection.joint.refits import Joint, fitted_together
 from lacet.identify.selection.joint.rounds import improved, with_a_fault
@@ -222,11 +222,15 @@ def test_gain_with_a_law_in_the_place_of_one_is_that_of_the_set(space: ScoreTest
     assert step.other.shape == STOP.shape
     with_step = [step.other, step.candidate, BAR]
     assert step.gain == pytest.approx(fall_of(rightly, with_step) - fall_of(rightly, selected), rel=1e-6)
-    # With fewer constants it need not be better by more than chance.
-    monkeypatch.setattr(free_constants, "SELECTION", replace(SELECTION, least_refinement_fall=1.01 * step.gain))
-    assert HELPER.key in [key for _, key in free.in_place_of_one([SPRING.key])]
-    monkeypatch.setattr(free_constants, "constant_count", lambda effect: 1)
-    assert HELPER.key not in [key for _, key in free.in_place_of_one([SPRING.key])]
+    for share, there in ((0.99, True), (1.01, False)):
+        monkeypatch.setattr(free_constants, "least_gain", lambda candidate, law, share=share: share * step.gain)
+        assert bool([key for _, key in free.in_place_of_one([SPRING.key]) if key == HELPER.key]) is there
+
+
+def test_a_law_with_fewer_constants_need_not_explain_more():
+    """A stop has a size, a gap and an exponent, a helper spring a size and a gap, a spring a size."""
+    assert least_gain(SPRING, HELPER) == least_gain(HELPER, STOP) < 0.0
+    assert least_gain(HELPER, SPRING) == least_gain(CUBIC, SPRING) == SELECTION.least_refinement_fall
 
 
 @pytest.mark.parametrize("better", [True, False])
