@@ -295,11 +295,13 @@ def test_beside_a_law_that_changes_weaker_ones_of_its_rows_are_no_names(
     bar, damper = (next(law for law in subset.laws if law.key == effect.key) for effect in LAWS)
     assert bar.rows == damper.rows
     assert 2.0 * damper.force < bar.force
-    found, rest = _without_doubted(subset, [bar.key], 0, silent)
+    found, rows = _without_doubted(subset, [bar.key], 0, silent)
     assert found.keys == (STOP.key,)
     assert found.parts == {bar.key, damper.key}
-    assert bool(rest.unlisted) == (effect_size < 1.0)
-    found, rest = _without_doubted(subset, [STOP.key], 0, silent)
+    assert rows == bar.rows
+    assert bool(Rest.of(found.space, found.laws).unlisted) == (effect_size < 1.0)
+    assert rows <= {*Rest.of(found.space, found.laws, rows).unlisted}
+    found, _ = _without_doubted(subset, [STOP.key], 0, silent)
     assert set(found.keys) == {bar.key, damper.key}
     without = less_a_part(subset, bar.key, 0, silent)
     found, rest = not_part_of_the_rest(without, Rest.of(without.space, without.laws, bar.rows), 0)
