@@ -23,7 +23,7 @@ LEAST_FREE = 5 * RESERVE_BYTES
 """Least free space on the disk of temporary files at which samples are still put there [bytes]: a recorder that writes
 to the same disk stops at `RESERVE_BYTES`."""
 ATTEMPTS = 3
-"""Answers in succession without a block after which blocks are not there any more [count]."""
+"""Answers in succession without a new block after which those that are missing are not there any more [count]."""
 EVER = 2**63 - 1
 """Later than every stamp [ns]."""
 _SOUND = (SensorState.RUNNING, SensorState.WAITING)
@@ -31,13 +31,25 @@ _SOUND = (SensorState.RUNNING, SensorState.WAITING)
 
 @dataclass(frozen=True)
 class _Request:
-    """Numbers of the blocks of a channel that are asked for; `came` those that came, `empty` answers without any."""
+    """Numbers of the blocks of a channel that are asked for.
+
+    Attributes
+    ----------
+    came : those that came; `before` so many of them by earlier requests.
+    vain : requests in succession that brought none.
+    """
 
     channel: str
     first: int
     last: int
-    empty: int = 0
     came: set[int] = field(default_factory=set[int])
+    before: int = 0
+    vain: int = 0
+
+    def take(self, channel: str, number: int) -> None:
+        """Note that a block came."""
+        if channel == self.channel and self.first <= number <= self.last:
+            self.came.add(number)
 
     def again(self) -> _Request | None:
         """For what did not come, as on a busy machine an answer may be cut off; None where all came, or nothing will.
@@ -45,8 +57,10 @@ class _Request:
         What the recorder keeps no more comes in no answer, and is asked for `ATTEMPTS` times.
         """
         missing = [number for number in range(self.first, self.last + 1) if number not in self.came]
-        empty = 0 if self.came else self.empty + 1
-        return _Request(self.channel, missing[0], missing[-1], empty) if missing and empty < ATTEMPTS else None
+        vain = 0 if len(self.came) > self.before else self.vain + 1
+        if not missing or vain == ATTEMPTS:
+            return None
+        return _Request(self.channel, missing[0], missing[-1], self.came, len(self.came), vain)
 
 
 class LiveSamples:
@@ -114,8 +128,8 @@ class LiveSamples:
             elif message.kind == "blocks":
                 for number, body in unpack_blocks(message):
                     self._store(message.name, number, block_from_bytes(body)[0])
-                    if self._asked is not None and message.name == self._asked.channel:
-                        self._asked.came.add(number)
+                    if self._asked is not None:
+                        self._asked.take(message.name, number)
             elif message.kind == "answered":
                 self._go_on()
             elif message.kind == "ledger":

@@ -300,7 +300,16 @@ def test_an_answer_that_was_cut_off_is_asked_for_again(log: Path, cut_off: int):
         car.samples.take(Message(KEYS, "answered", name, 5, b"", True))
     assert car.bus.asked == [(name, 0, 6), (name, cut_off, 6), *[(name, 5, 6)] * ATTEMPTS]
     assert car.samples.whole
-    assert len(car.samples.blocks()[name]) == sum(len(block_from_bytes(one)[0]) for one in (*blocks[:5], blocks[7]))
+    # Blocks between two that are not there, and others than those asked for, are no sign that these will come.
+    car.samples.take(Message(KEYS, "block", name, 13, blocks[13]))
+    body = b"".join(LENGTH.pack(len(one)) + one for one in (b"", *blocks[9:12], b"", blocks[13], blocks[14]))
+    for _ in range(1 + ATTEMPTS):
+        assert not car.samples.whole
+        car.samples.take(Message(KEYS, "blocks", name, 8, body, True))
+        car.samples.take(Message(KEYS, "answered", name, 8, b"", True))
+    assert car.samples.whole
+    there = (*blocks[:5], blocks[7], *blocks[9:12], *blocks[13:15])
+    assert len(car.samples.blocks()[name]) == sum(len(block_from_bytes(one)[0]) for one in there)
 
 
 def test_what_sensors_sent_before_they_fell_silent_is_asked_for(log: Path, monkeypatch: pytest.MonkeyPatch):
