@@ -128,7 +128,7 @@ def _tables(c: Candidate) -> str:
 
 
 def sizes(c: Candidate, effect: Effect) -> str:
-    """A candidate's parameters with 95 % intervals, and its shape constants."""
+    """A candidate's parameters with 95 % intervals, its shape constants, and what is unusual about them."""
     each = list(zip(effect.parameters, c.values, c.interval, strict=True))
     parts = [f"{last_name(q)} = {with_interval(value, half)} {q.unit}" for q, value, half in each]
     unusual = [
@@ -136,8 +136,13 @@ def sizes(c: Candidate, effect: Effect) -> str:
         for q, value, half in each
         if (q.expect == "positive" and value + half < 0.0) or (q.expect == "negative" and value - half > 0.0)
     ]
+    unknown = [last_name(q) for q, value, half in each if half >= abs(value)]
+    notes = [f"the sign of {', '.join(unusual)} is not the usual one"] if unusual else []
+    if unknown and c.answer is Answer.MISSING:
+        by = "other shape constants" if c.shape else "tolerances of the sensor sheet"
+        notes.append(f"{', '.join(unknown)} by itself is not known: {by} may change it by as much as it is")
     out = ", ".join([*parts, *constants_text(effect, c.shape)])
-    return f"{out} (the sign of {', '.join(unusual)} is not the usual one)" if unusual else out
+    return f"{out} ({'; '.join(notes)})" if notes else out
 
 
 def unit_of(c: Candidate) -> str:

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import pytest
+
 from lacet.identify.effects.language.compiled import one_line_effects
+from lacet.identify.selection.candidate import Answer, Candidate, Reason
 from lacet.services.render.shape_constants import constants_text
+from lacet.services.render.verdicts import sizes
 from tests.identify.exact_car import KNOWN, VEHICLE
 
 
@@ -17,3 +23,19 @@ def test_constants_have_the_units_people_use():
 
 def test_every_constant_of_the_catalogue_has_a_unit():
     assert [key for key, effect in KNOWN.items() if set(effect.grids) != set(effect.grid_units)] == []
+
+
+@pytest.mark.parametrize(
+    ("half", "shape", "note"),
+    [
+        (900.0, {"T": 0.02}, ""),
+        (5000.0, {"T": 0.02}, " (c by itself is not known: other shape constants may change it by as much as it is)"),
+        (5000.0, {}, " (c by itself is not known: tolerances of the sensor sheet may change it by as much as it is)"),
+    ],
+)
+def test_a_size_with_a_wider_interval_says_what_it_depends_on(half: float, shape: dict[str, float], note: str):
+    """An effect may act beyond chance, and its size be another with other constants."""
+    effect = KNOWN["damper_mount.front"]
+    found = Candidate(effect.key, shape, Answer.MISSING, Reason.PASSES, values=(4000.0,), interval=(half,))
+    assert sizes(found, effect).endswith(note or "T 20 ms")
+    assert "by itself" not in sizes(replace(found, answer=Answer.UNDECIDED), effect)
