@@ -16,6 +16,8 @@ def test_the_story_by_keyboard_alone(browser: Any, ready: Bench, tmp_path: Path)
         watch.go("compare")
         press = watch.page.keyboard.press
         watch.expect(watch.at("version")).to_contain_text("Version 1 of 1", timeout=LONG)
+        # Before the view is drawn the page may not yet listen to keys.
+        watch.expect(watch.page.locator("[role=listbox] [role=option]").first).to_be_visible(timeout=LONG)
         press("d")
         watch.expect(watch.at("diagnose")).to_be_focused(timeout=LONG)
         press("Enter")
