@@ -139,8 +139,8 @@ def sizes(c: Candidate, effect: Effect) -> str:
     unknown = [last_name(q) for q, value, half in each if half >= abs(value)]
     notes = [f"the sign of {', '.join(unusual)} is not the usual one"] if unusual else []
     if unknown and c.answer is Answer.MISSING:
-        by = "other shape constants" if c.shape else "tolerances of the sensor sheet"
-        notes.append(f"{', '.join(unknown)} by itself is not known: {by} may change it by as much as it is")
+        others = "shape constants and sensor tolerances" if c.shape else "sensor tolerances"
+        notes.append(f"it acts, but the interval of {', '.join(unknown)} holds zero, as {others} may be others")
     out = ", ".join([*parts, *constants_text(effect, c.shape)])
     return f"{out} ({'; '.join(notes)})" if notes else out
 

@@ -17,7 +17,7 @@ import zenoh
 from lacet.daq.blocks import Block
 from lacet.daq.bus import listener as bus_listener
 from lacet.daq.bus import publisher as bus_publisher
-from lacet.daq.bus.listener import BusListener, unpack_blocks
+from lacet.daq.bus.listener import BusListener, Message, unpack_blocks
 from lacet.daq.bus.publisher import RunPublisher
 from lacet.daq.bus.session import SEQUENCE, Keys, chunk, open_session
 from lacet.daq.bus.spool import Spool
@@ -163,6 +163,23 @@ def test_a_start_record_whose_answer_was_lost_is_asked_for_again(bus, monkeypatc
     wait_until(lambda: heard("start"))
     listener.close()
     publisher.close()
+
+
+def test_recorders_without_number_do_not_fill_the_memory(bus, monkeypatch):
+    """Of those that never answer, the last ones are waited for."""
+    monkeypatch.setattr(bus_listener, "MOST_ASKED", 3)
+    listener, asked = BusListener(bus.client), list[str]()
+    monkeypatch.setattr(listener, "ask", lambda keys, *parts: asked.append(keys.run))
+    runs = [Keys("car", f"run-{k}") for k in range(5)]
+    for keys in runs:
+        listener._queue.put(Message(keys, "alive", "", 0, b""), "alive", 1)
+    for keys in runs:
+        for _ in range(1 + round(bus_listener.ANSWER)):
+            listener._queue.put(Message(keys, "ledger", "", 0, b"{}"), "ledger", 1)
+    while listener.get(0.0) is not None:
+        pass
+    assert asked == [*(keys.run for keys in runs), "run-2", "run-3", "run-4"]
+    listener.close()
 
 
 @pytest.mark.parametrize(("drop", "capacity"), [(0.3, 1 << 20), (0.0, 2000)])

@@ -62,18 +62,21 @@ def test_the_engine_on_its_mounts_is_an_oscillator() -> None:
         np.testing.assert_allclose(out, expected, atol=2e-3 * abs(gain))
 
 
+@pytest.mark.parametrize("axes", ["carrier", "body"])
 @pytest.mark.parametrize(
     ("key", "column", "sign"),
     [("jacking", "half_track", 1.0), ("anti_dive", "half_wheelbase", 1.0), ("toe_change", "toe", 1.0),
      ("camber_change", "camber", 1.0), ("pitch_change", "pitch", 1.0)],
 )  # fmt: skip
-def test_an_error_of_the_bench_table_is_its_effect(key: str, column: str, sign: float) -> None:
+def test_an_error_of_the_bench_table_is_its_effect(key: str, column: str, sign: float, axes: str) -> None:
     """A table whose slope is 0.02 too small, with the effect at 0.02: the residual of the right table.
+
+    Of wheel loads in the carrier's axes, and in those of the body, in which pitch does not turn them.
 
     Rows by rows, apart from the inertia of axles and wheels, which the effects neglect: the model has none.
     """
     signals, p = cars.random_signals(11), 0.02
-    right = VEHICLE_T
+    right, rig = VEHICLE_T, cars.in_reference(RIG, RIG.wheel_reference, {"wheels": axes})
     wrong = replace(
         right,
         corners={
@@ -83,9 +86,9 @@ def test_an_error_of_the_bench_table_is_its_effect(key: str, column: str, sign: 
             for name, c in right.corners.items()
         },
     )
-    truth = residual(build_motion(cars.recording(signals, right, RIG)), (), np.zeros(0))
-    seen = residual(build_motion(cars.recording(signals, wrong, RIG)), (), np.zeros(0))
-    effect = KNOWN[f"{key}.front"].force(build_motion(cars.recording(signals, wrong, RIG)), np.array([p]))
+    truth = residual(build_motion(cars.recording(signals, right, rig)), (), np.zeros(0))
+    seen = residual(build_motion(cars.recording(signals, wrong, rig)), (), np.zeros(0))
+    effect = KNOWN[f"{key}.front"].force(build_motion(cars.recording(signals, wrong, rig)), np.array([p]))
     for row in truth:
         gone = seen[row] - truth[row]
         expected = effect.get(row, np.zeros_like(gone))

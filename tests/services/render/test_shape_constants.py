@@ -29,13 +29,16 @@ def test_every_constant_of_the_catalogue_has_a_unit():
     ("half", "shape", "note"),
     [
         (900.0, {"T": 0.02}, ""),
-        (5000.0, {"T": 0.02}, " (c by itself is not known: other shape constants may change it by as much as it is)"),
-        (5000.0, {}, " (c by itself is not known: tolerances of the sensor sheet may change it by as much as it is)"),
+        (
+            5000.0, {"T": 0.02},
+            " (it acts, but the interval of c holds zero, as shape constants and sensor tolerances may be others)",
+        ),
+        (5000.0, {}, " (it acts, but the interval of c holds zero, as sensor tolerances may be others)"),
     ],
-)
+)  # fmt: skip
 def test_a_size_with_a_wider_interval_says_what_it_depends_on(half: float, shape: dict[str, float], note: str):
     """An effect may act beyond chance, and its size be another with other constants."""
     effect = KNOWN["damper_mount.front"]
     found = Candidate(effect.key, shape, Answer.MISSING, Reason.PASSES, values=(4000.0,), interval=(half,))
     assert sizes(found, effect).endswith(note or "T 20 ms")
-    assert "by itself" not in sizes(replace(found, answer=Answer.UNDECIDED), effect)
+    assert "it acts" not in sizes(replace(found, answer=Answer.UNDECIDED), effect)

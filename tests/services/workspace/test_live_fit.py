@@ -303,12 +303,14 @@ def test_an_answer_that_was_cut_off_is_asked_for_again(log: Path, cut_off: int):
     # Blocks between two that are not there, and others than those asked for, are no sign that these will come.
     car.samples.take(Message(KEYS, "block", name, 13, blocks[13]))
     body = b"".join(LENGTH.pack(len(one)) + one for one in (b"", *blocks[9:12], b"", blocks[13], blocks[14]))
-    for _ in range(1 + ATTEMPTS):
+    for k in range(1 + ATTEMPTS):
         assert not car.samples.whole
+        other = LENGTH.pack(len(blocks[20 + k])) + blocks[20 + k]
+        car.samples.take(Message(KEYS, "blocks", name, 20 + k, other, True))
         car.samples.take(Message(KEYS, "blocks", name, 8, body, True))
         car.samples.take(Message(KEYS, "answered", name, 8, b"", True))
     assert car.samples.whole
-    there = (*blocks[:5], blocks[7], *blocks[9:12], *blocks[13:15])
+    there = (*blocks[:5], blocks[7], *blocks[9:12], *blocks[13:15], *blocks[20 : 21 + ATTEMPTS])
     assert len(car.samples.blocks()[name]) == sum(len(block_from_bytes(one)[0]) for one in there)
 
 
