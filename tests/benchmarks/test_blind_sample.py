@@ -19,7 +19,7 @@ from lacet.identify.effects.catalogue import catalogue
 from tests.identify import cars
 
 pytest.importorskip("mujoco")
-SHORT = Campaign(used=("sinus", "rough"), held=("liftoff",), duration=6.0)
+SHORT = Campaign(used=("sinus", "rough"), held=("liftoff",), duration=4.0)
 DRAWS = {"null": 199, "bar": 39}
 """As many as a study has, where nothing may be named: from 39, a candidate's mean by chance is known to a quarter."""
 

@@ -27,8 +27,8 @@ ALLOWED = {name: 0.01 for name, *_ in FAULTS}
 
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs of 3 s, and whatever size was drawn."""
-    monkeypatch.setattr(drives, "DURATION", (3.0, 3.1))
+    """Runs of 1.5 s, and whatever size was drawn."""
+    monkeypatch.setattr(drives, "DURATION", (1.5, 1.6))
     monkeypatch.setattr(making, "TESTABLE", 0.0)
     monkeypatch.setattr(making, "MOST", math.inf)
 

@@ -11,19 +11,24 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
+LACET = "lacet.services.commands.__main__"
+"""The module that is the command line."""
 PATIENCE = 60.0
 """Longest that a command may take to end, or to say something, on a busy machine [s]."""
 
 
 class Command:
-    """A running ``lacet`` sub-command; `text()` is what it has printed so far; `under` is what starts it."""
+    """A running ``lacet`` sub-command; `text()` is what it has printed so far; `under` is what starts it.
 
-    def __init__(self, name: str, *args: object, cwd: Path, under: tuple[str, ...] = ()):
+    `module` is another command line in the place of lacet's own.
+    """
+
+    def __init__(self, name: str, *args: object, cwd: Path, under: tuple[str, ...] = (), module: str = LACET):
         self.log = cwd / f"{name}-{time.monotonic_ns()}.txt"
         search = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
         with self.log.open("wb") as out:
             self.process = subprocess.Popen(
-                [*under, sys.executable, "-m", "lacet.services.commands.__main__", name, *map(str, args)],
+                [*under, sys.executable, "-m", module, name, *map(str, args)],
                 cwd=cwd,
                 stdout=out,
                 stderr=subprocess.STDOUT,

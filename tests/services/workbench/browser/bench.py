@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.processes import ROOT, Command, commands
+from tests.support.processes import LACET, ROOT, Command, commands
 
 PICTURES = ROOT / "build" / "browser"
 """Where the pictures of each view are kept."""
@@ -24,6 +24,8 @@ LONG = 180_000
 """Longest that a job may take on a busy machine [ms]."""
 PATIENCE = 60_000
 """Longest that the page may take to show something, on a busy machine [ms]."""
+FEW = "tests.support.few_effects"
+"""The command line of a server that ranks few effects, in seconds."""
 NO_CAR = ("--connect", "tcp/127.0.0.1:9")
 """Arguments of a server that hears no recording of this machine."""
 FLAGS = [
@@ -71,10 +73,15 @@ class Bench:
 
 
 @contextmanager
-def serving(folder: Path, cwd: Path, port: int = 0, more: Sequence[str] = NO_CAR) -> Iterator[Bench]:
-    """``lacet ui FOLDER`` on a port, 0 for any that is free, with `more` arguments, as a process of its own."""
+def serving(
+    folder: Path, cwd: Path, port: int = 0, more: Sequence[str] = NO_CAR, module: str = LACET
+) -> Iterator[Bench]:
+    """``lacet ui FOLDER`` on a port, 0 for any that is free, with `more` arguments, as a process of its own.
+
+    `module` is its command line, `FEW` one whose catalogue is small.
+    """
     with commands() as running:
-        server = Command("ui", folder, "--port", port, "--draws", DRAWS, *more, cwd=cwd)
+        server = Command("ui", folder, "--port", port, "--draws", DRAWS, *more, cwd=cwd, module=module)
         running.append(server)
         server.wait_for("Ctrl-C", 60.0)
         found = re.search(r"(http://127\.0\.0\.1:\d+)/\?token=\S+", server.text())

@@ -6,12 +6,12 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from tests.services.workbench.browser.bench import LONG, Bench, Watch, opening, serving
+from tests.services.workbench.browser.bench import FEW, LONG, Bench, Watch, opening, serving
 
 
 def test_the_story_by_keyboard_alone(browser: Any, ready: Bench, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(ready.folder, tmp_path / "small"))
-    with serving(folder, tmp_path) as bench, opening(browser, bench.address) as opened:
+    with serving(folder, tmp_path, module=FEW) as bench, opening(browser, bench.address) as opened:
         watch = opened()
         watch.go("compare")
         press = watch.page.keyboard.press

@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from tests.services.workbench.browser.bench import LONG, Watch, opening, serving
+from tests.services.workbench.browser.bench import FEW, LONG, Watch, opening, serving
 from tests.support.tables import CAR, piece, written
 
 _EMPTY = {
@@ -24,7 +24,7 @@ _EMPTY = {
 def test_from_an_empty_study_to_what_is_missing(browser: Any, tmp_path: Path) -> None:
     tables = [written(piece(run, 4.0, 12.0), tmp_path / f"{run}.parquet") for run in ("sine", "rough")]
     described = [Path(shutil.copy(CAR / name, tmp_path / name)) for name in ("rig.toml", "vehicle.toml")]
-    with serving(tmp_path / "study", tmp_path) as bench, opening(browser, bench.address) as opened:
+    with serving(tmp_path / "study", tmp_path, module=FEW) as bench, opening(browser, bench.address) as opened:
         watch = opened(1440, 900)
         _says_what_to_do(watch)
         _make_by_keyboard(watch, [*described, *tables])
