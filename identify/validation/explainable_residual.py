@@ -12,7 +12,7 @@ liquid, a spring behind a damper) is no function of the present states: it shows
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,25 +99,31 @@ def explainable_residual(
     clear = clear or ClearStates(fitted.runs)
     draws = draws or refitted_draws(fitted, floor)
     maker = ColumnMaker(clear)
-    found: dict[Row, tuple[Array, Array, Array, float, int]] = {}
-    for done, row in enumerate(fitted.rows):
-        progress(Step(Stage.EXPLAINABLE_RESIDUAL, done, len(fitted.rows)))
+    groups: dict[Hashable, list[Row]] = {}
+    for row in fitted.rows:
         names = clear.names(row)
-        having = [i for i, run in enumerate(fitted.runs) if row in run.index]
-        blocks = block_numbers(fitted.runs, row)
-        if not names or np.unique(blocks).size < 2 * FOLDS:
-            continue
-        residual = np.concatenate([fitted.residual[i][row] for i in having])
-        null = np.concatenate([draws[i][row] for i in having], axis=1)
-        targets = np.column_stack([residual, null.T])
-        columns = maker.columns(row, names)
+        if names and np.unique(block_numbers(fitted.runs, row)).size >= 2 * FOLDS:
+            groups.setdefault(maker.group(row, names), []).append(row)
+    found: dict[Row, tuple[Array, Array, Array, float, int]] = {}
+    for rows in groups.values():
+        progress(Step(Stage.EXPLAINABLE_RESIDUAL, len(found), sum(map(len, groups.values()))))
+        # Rows with the same columns are predicted together: most of the work is in these.
+        names, blocks = clear.names(rows[0]), block_numbers(fitted.runs, rows[0])
+        having = [i for i, run in enumerate(fitted.runs) if rows[0] in run.index]
+        residual = [np.concatenate([fitted.residual[i][row] for i in having]) for row in rows]
+        null = [np.concatenate([draws[i][row] for i in having], axis=1) for row in rows]
+        targets = np.concatenate([np.stack([x, *drawn]) for x, drawn in zip(residual, null, strict=True)]).T
+        columns = maker.columns(rows[0], names)
         present = blocked_losses(columns.present, targets, blocks)
         both = [
             blocked_losses(np.column_stack([columns.present, share * columns.history]), targets, blocks)
             for share in SHARES
         ]
-        least = best(present)
-        found[row] = (present[0], least, best(np.concatenate([present, *both])), _rms(null), len(names))
+        losses = present[0], best(present), best(np.concatenate([present, *both]))
+        for k, (row, drawn) in enumerate(zip(rows, null, strict=True)):
+            own = slice(k * (1 + len(drawn)), (k + 1) * (1 + len(drawn)))
+            whole, least, more = (part[:, own] for part in losses)
+            found[row] = (whole, least, more, _rms(drawn), len(names))
     parts = {row: 1.0 - least.sum(axis=0) / all_.sum(axis=0) for row, (all_, least, *_) in found.items()}
     histories = {row: 1.0 - more.sum(axis=0) / least.sum(axis=0) for row, (_, least, more, *_) in found.items()}
     wholes = {row: all_.sum(axis=0) for row, (all_, *_) in found.items()}
@@ -126,7 +132,8 @@ def explainable_residual(
     history_p = _family_wise(beyond, wholes)
     return {
         row: _of_row(fitted, row, *found[row], (parts[row], *p[row]), (histories[row], *history_p[row]))
-        for row in found
+        for row in fitted.rows
+        if row in found
     }
 
 

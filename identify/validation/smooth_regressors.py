@@ -8,7 +8,7 @@ hidden linear mass, spring or damper can add.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement, islice
 from typing import TypeVar
@@ -88,10 +88,17 @@ class ColumnMaker:
         self.clear, self.runs, self.history = clear, clear.runs, history
         self._made: dict[tuple[str, tuple[str, ...], tuple[int, ...]], tuple[NDArray[np.intp], list[Array], int]] = {}
 
+    def group(self, row: Row, names: tuple[str, ...]) -> Hashable:
+        """What the columns of a row depend on: rows of the same group have the same columns but for `lines`."""
+        key = self._key(row, names)
+        return key, tuple(self.runs[i].kept(row).tobytes() for i in key[2])
+
+    def _key(self, row: Row, names: tuple[str, ...]) -> tuple[str, tuple[str, ...], tuple[int, ...]]:
+        return row.corner or "chassis", names, tuple(i for i, run in enumerate(self.runs) if row in run.index)
+
     def columns(self, row: Row, names: tuple[str, ...]) -> Columns:
         """Columns of a row from some of its states (`validation.states`)."""
-        having = tuple(i for i, run in enumerate(self.runs) if row in run.index)
-        key = (row.corner or "chassis", names, having)
+        having = (key := self._key(row, names))[2]
         if key not in self._made:
             self._made[key] = self._make(row, names, having)
         of, combs, present = self._made[key]
@@ -198,25 +205,27 @@ def blocked_losses(columns: Array, targets: Array, blocks: NDArray[np.intp]) -> 
 
     Returns (1 + L, B, k): without any column, then for each value of `RIDGE`.
     """
-    starts = np.flatnonzero(np.diff(blocks, prepend=blocks[0] - 1))
-    folds = np.asarray(np.unique(blocks, return_inverse=True)[1], np.intp) % FOLDS
-    predicted = np.zeros((len(RIDGE), *targets.shape))
+    number = np.asarray(np.unique(blocks, return_inverse=True)[1], np.intp)
+    losses = np.zeros((1 + len(RIDGE), int(number[-1]) + 1, targets.shape[1]))
     gram, moments = columns.T @ columns, columns.T @ targets
     for fold in range(FOLDS):
-        test = folds == fold
-        if not test.any() or not columns.shape[1]:
+        test = number % FOLDS == fold
+        if not test.any():
             continue
-        part = columns[test]
+        measured, part, own = targets[test], columns[test], np.unique(number[test])
+        starts = np.searchsorted(number[test], own)
+        losses[:, own] = np.add.reduceat(measured**2, starts, axis=0)
+        if not columns.shape[1]:
+            continue
         values, vectors = np.linalg.eigh(gram - part.T @ part)
         values = np.maximum(values, 0.0)
-        turned = vectors.T @ (moments - part.T @ targets[test])
+        turned = vectors.T @ (moments - part.T @ measured)
         seen = part @ vectors
         count = np.count_nonzero(~test)
-        for k, ridge in enumerate(RIDGE):
-            predicted[k, test] = seen @ (turned / (values + ridge * count)[:, None])
-    whole = np.add.reduceat(targets**2, starts, axis=0)
-    losses = [np.add.reduceat((targets - p) ** 2, starts, axis=0) for p in predicted]
-    return np.stack([whole, *losses])
+        for k, ridge in enumerate(RIDGE, start=1):
+            missed = measured - seen @ (turned / (values + ridge * count)[:, None])
+            losses[k, own] = np.add.reduceat(missed**2, starts, axis=0)
+    return losses
 
 
 def best(losses: Array) -> Array:
