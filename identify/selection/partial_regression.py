@@ -298,7 +298,8 @@ def beside(
     kept = [known[place] for place in before.nuisance.tolist() if place in known]
     layout = Layout.of(old_layout.model, old_layout.sheet, [*(trial.effect for trial in kept), *effects])
     floor = linearisation.floor.without_draws() if extent is Extent.TOTAL else linearisation.floor
-    sums = linearisation.runs.products(floor, layout, columns.sums.weighting.prior_stiffening, {}, 0, extent)
+    stiffening = columns.sums.weighting.prior_stiffening
+    sums = linearisation.runs.products(floor, layout, stiffening, {}, 0, extent, columns.sums)
     # The sheet's faults and the selected effects stand one behind the other; their priors stay those of the space.
     plain = before.nuisance[before.nuisance < old_layout.model + len(old_layout.sheet)]
     nuisance = np.concatenate([plain, *(np.r_[trial.place] for trial in layout.trials[: len(kept)])]).astype(np.intp)

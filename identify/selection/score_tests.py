@@ -169,7 +169,7 @@ class ScoreTests:
         ratios = np.array(list(self.residual_beside(selected).ratios.values()))
         stiffening = max(1.0, float(np.sqrt(np.mean(ratios**2))))
         columns = CandidateColumns.of(
-            self.linearisation, self.columns.effects, self.columns.seed, stiffening, progress, selected
+            self.linearisation, self.columns.effects, self.columns.seed, stiffening, progress, selected, self.sums
         )
         return ScoreTests(columns, self.noise, progress, drawn=[self.drawn])
 

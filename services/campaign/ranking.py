@@ -179,9 +179,10 @@ class CampaignRanking:
 
     def products(
         self, floor: NoiseFloor, layout: Layout, prior_stiffening: float, drifts: Mapping[str, float], seed: int,
-        extent: Extent = Extent.ALL,
+        extent: Extent = Extent.ALL, known: CrossProducts | None = None,
     ) -> CrossProducts:  # fmt: skip
         """Cross products of the columns of a layout, from one pass over the samples."""
+        del known  # its columns are where the runs are
         sigma, fitted = dict(floor.sigma), self.fitted
         equations = self.found.equations.equations
         root = equations.root({row: sigma.get(row, own) for row, own in fitted.sigma.items()})

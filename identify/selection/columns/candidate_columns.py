@@ -66,10 +66,12 @@ class CandidateColumns:
         prior_stiffening: float,
         progress: Progress = silent,
         selected: Sequence[Effect] = (),
+        known: CrossProducts | None = None,
     ) -> CandidateColumns:
         """Columns of candidates beside a fit and the `selected` effects.
 
-        `seed` of simulated zeros and tolerances; priors of zeros and tolerances with σ ÷ `prior_stiffening`.
+        `seed` of simulated zeros and tolerances; priors of zeros and tolerances with σ ÷ `prior_stiffening`; `known`
+        other cross products of this linearisation, whose columns are not computed again.
         """
         runs, fitted, floor = linearisation.runs, linearisation.fitted, linearisation.floor
         fresh = [effect for effect in candidates if effect.key not in fitted.model]
@@ -82,7 +84,7 @@ class CandidateColumns:
         layout = Layout.of(len(fitted.place), linearisation.sums.layout.sheet, [*shapes, *selected])
         chosen = layout.trials[len(shapes) :]
         progress(Step(Stage.TRIAL_COLUMNS, total=len(effects)))
-        sums = runs.products(floor, layout, prior_stiffening, drifts, seed)
+        sums = runs.products(floor, layout, prior_stiffening, drifts, seed, known=known)
         # Gains and latencies stand in the sheet channel by channel; other faults stand for their own tolerance.
         sheet = {layout.model + i: f"{e[0]} of {e[1]}" for i, e in enumerate(layout.sheet)}
         sigma = dict.fromkeys(sheet, 1.0)

@@ -21,10 +21,11 @@ from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sums.tree import merged
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.columns.known_columns import KnownColumns
 from lacet.identify.selection.columns.layout import Layout
 from lacet.identify.selection.columns.run_products import RowProducts, RunProducts
 from lacet.identify.selection.columns.samples import Blocks, HeldSamples, RunSamples, Samples
-from lacet.identify.selection.columns.weighted_columns import Weighting, blocks_of
+from lacet.identify.selection.columns.weighted_columns import Block, Weighting, blocks_of
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor
 
@@ -155,6 +156,7 @@ class CrossProducts:
     def of(
         cls, fitted: Fit, floor: NoiseFloor, layout: Layout, prior_stiffening: float,
         drifts: Mapping[str, float] | None = None, seed: int = 0, extent: Extent = Extent.ALL,
+        known: CrossProducts | None = None,
     ) -> CrossProducts:  # fmt: skip
         """Cross products of all columns of a fit, from one pass over the samples of its runs.
 
@@ -167,15 +169,21 @@ class CrossProducts:
         drifts : key → 1 σ of the sensor faults whose size is another in each run.
         seed : of simulated zeros and drifts.
         extent : which sums.
+        known : others of the same fit and weights; columns that they have are not computed again.
         """
         # Runs count from one: NumPy fills seeds up with zeros, and the tolerances of all runs are drawn from [seed, 6].
         weighting = Weighting(layout, fitted.orthonormaliser(floor.sigma), prior_stiffening)
         held: list[RunSamples] = []
+        there = None if known is None else KnownColumns.of(layout, known.weighting)
 
         def each() -> Iterator[SumsOfRuns]:
             first = 0
             for run in range(len(fitted.runs)):
-                samples, products = samples_of(fitted, floor, weighting, run, first, extent)
+                if known is None or there is None or not isinstance(known.samples, HeldSamples):
+                    made = blocks_of(fitted, floor, weighting, run)
+                else:
+                    made = there.blocks(fitted, floor, weighting, run, known.samples.runs[run].blocks)
+                samples, products = samples_of(fitted, floor, weighting, run, first, extent, made)
                 held.append(samples)
                 first += samples.block_count
                 yield SumsOfRuns.of(products, samples, weighting, drifts or {}, [seed, 6, 1 + run], extent)
@@ -201,10 +209,14 @@ class CrossProducts:
 
 
 def samples_of(
-    fitted: Fit, floor: NoiseFloor, weighting: Weighting, run: int, first: int = 0, extent: Extent = Extent.ALL
-) -> tuple[RunSamples, RunProducts]:
-    """Samples of one run of a fit and their sums of products; `first` is the number of its first block."""
-    blocks = Blocks.of(blocks_of(fitted, floor, weighting, run), fitted.runs[run].is_long)
+    fitted: Fit, floor: NoiseFloor, weighting: Weighting, run: int, first: int = 0, extent: Extent = Extent.ALL,
+    made: Iterator[Block] | None = None,
+) -> tuple[RunSamples, RunProducts]:  # fmt: skip
+    """Samples of one run of a fit and their sums of products.
+
+    `first` is the number of the run's first block; `made` are its weighted samples where they are known.
+    """
+    blocks = Blocks.of(made or blocks_of(fitted, floor, weighting, run), fitted.runs[run].is_long)
     folds = SELECTION.folds if extent is Extent.ALL else 1
     products = RunProducts.of(blocks, len(fitted.zeros[run][1]), weighting.layout.width, floor.count, first, folds)
     return RunSamples(blocks, products.eliminated[0], products.noise_zeros, first), products

@@ -103,7 +103,7 @@ class RankedRuns(Protocol):
 
     def products(
         self, floor: NoiseFloor, layout: Layout, prior_stiffening: float, drifts: Mapping[str, float], seed: int,
-        extent: Extent = Extent.ALL,
+        extent: Extent = Extent.ALL, known: CrossProducts | None = None,
     ) -> CrossProducts:  # fmt: skip
         """Cross products of the columns of a layout; parameters as of `CrossProducts.of`."""
         ...
@@ -215,10 +215,10 @@ class LocalRuns:
 
     def products(
         self, floor: NoiseFloor, layout: Layout, prior_stiffening: float, drifts: Mapping[str, float], seed: int,
-        extent: Extent = Extent.ALL,
+        extent: Extent = Extent.ALL, known: CrossProducts | None = None,
     ) -> CrossProducts:  # fmt: skip
         """Cross products of the columns of a layout, from one pass over the samples."""
-        return CrossProducts.of(self.fit, floor, layout, prior_stiffening, drifts, seed, extent)
+        return CrossProducts.of(self.fit, floor, layout, prior_stiffening, drifts, seed, extent, known)
 
     def regressor_noise(self, weighting: Weighting, sigma: Mapping[Row, float], progress: Progress) -> RegressorNoise:
         """Noise in the columns of all runs, for rows weighted by `sigma`."""
