@@ -96,9 +96,9 @@ class CandidateColumns:
         one = np.array([sigma[place] for place in there])
         prior = scipy.linalg.block_diag(sums.prior, np.diag((prior_stiffening / one) ** 2))
         nuisance = np.concatenate([np.arange(layout.model), there]).astype(np.intp)
-        known = np.zeros(layout.width)
-        known[: len(linearisation.prior_side)] = linearisation.prior_side
-        prior_side = np.concatenate([np.zeros(layout.model), (prior_stiffening / one) ** 2 * known[there]])
+        means = np.zeros(layout.width)
+        means[: len(linearisation.prior_side)] = linearisation.prior_side
+        prior_side = np.concatenate([np.zeros(layout.model), (prior_stiffening / one) ** 2 * means[there]])
         rng = np.random.default_rng([seed, 6])
         drawn = one[:, None] * rng.standard_normal((len(there), floor.count))
         return cls(

@@ -58,9 +58,7 @@ class KnownColumns:
                 return None
         return cls(before, place, tuple(fresh))
 
-    def blocks(
-        self, fitted: Fit, floor: NoiseFloor, weighting: Weighting, run: int, known: Blocks
-    ) -> Iterator[Block]:
+    def blocks(self, fitted: Fit, floor: NoiseFloor, weighting: Weighting, run: int, known: Blocks) -> Iterator[Block]:
         """Weighted samples of one run, as of `weighted_columns.blocks_of`, from those that are `known`."""
         seen = dict.fromkeys((block.row for block in known.held), 0)
         each = {row: known.of_row(row) for row in seen}

@@ -16,7 +16,7 @@ from lacet.identify.effects.user_files import checked_columns
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.wls import Fit, FitOptions, fit
+from lacet.identify.regression.wls import FitOptions, fit
 from lacet.identify.selection.columns.cross_products import CrossProducts, Extent
 from lacet.identify.selection.columns.known_columns import KnownColumns
 from lacet.identify.selection.columns.layout import Layout
