@@ -267,7 +267,7 @@ def test_a_car_on_linkages_writes_what_identify_reads_and_keeps_its_truth_apart(
 
 def test_a_car_on_linkages_is_identified_with_what_was_written_beside_its_runs(tmp_path: Path) -> None:
     """With the joints of its vehicle file the suspension rows come to their floor, without them they do not."""
-    words = ["--car", "second", "--manoeuvre", "sinus", "--set", "duration=5", "--set", "amplitude=0.03"]
+    words = ["--car", "second", "--manoeuvre", "sinus", "--set", "duration=3", "--set", "amplitude=0.03"]
     assert lacet("simulate", "--rig", "peugeot-406", *words, "--format", "parquet", "-o", tmp_path) == 0
     text = (tmp_path / "second.toml").read_text(encoding="utf-8")
     (tmp_path / "bump.toml").write_text(text[: text.index("[corner.fl.joints.own]")], encoding="utf-8")

@@ -117,7 +117,7 @@ def test_dampers_that_both_wheels_of_a_live_axle_move_are_no_fault() -> None:
     """On a rough road they are worth more than the wheels' camber moments, which then seemed to have the other sign."""
     pytest.importorskip("mujoco")
     car = SecondCar.named("second-live-axle")
-    run = exchange_run(simulate_drive(car, make_manoeuvre("rough", duration=5.0), [], 0), RIG, 0, name="rough")
+    run = exchange_run(simulate_drive(car, make_manoeuvre("rough", duration=3.0), [], 0), RIG, 0, name="rough")
     products = FaultColumns.of(PreparedRun.of(run, Vehicle.parse(vehicle_text(car)), RIG))
     assert products is not None
     assert products.misfit < 1.3

@@ -16,6 +16,7 @@ from lacet.identify.validation.channels.single_faults import Misplaced, column_f
 from lacet.identify.validation.channels.unit_position import unit_position
 from lacet.services.render.channels import from_equations
 from lacet.services.render.sensor_report import position_table
+from tests.conftest import ReferenceCar
 from tests.support.tables import CAR, piece, without
 
 RIG, VEHICLE = Rig.load(CAR / "rig.toml"), Vehicle.load(CAR / "vehicle.toml")
@@ -50,8 +51,8 @@ def test_a_unit_128_mm_from_where_the_rig_says_is_found_where_it_is() -> None:
     assert "differs from the rig by -128" in position_table(found)
 
 
-def test_a_unit_where_the_rig_says_agrees() -> None:
-    found = unit_position(fitted(RIG))
+def test_a_unit_where_the_rig_says_agrees(reference_car: ReferenceCar) -> None:
+    found = unit_position(reference_car.fitted)
     assert all(one.testable and one.agrees for one in found)
     assert position_table(found).count("agrees") == 3
 
