@@ -128,6 +128,8 @@ class Effect(ABC):
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {}
     """Smallest and largest plausible value of shape constants [SI], between which the law is a continuous function of
     them; of a constant that is not named, those of its grid (`bounds_of`)."""
+    simplest: ClassVar[Mapping[str, float]] = {}
+    """Values of shape constants at which the law is one of a simpler kind, as a power of 1 is a line."""
 
     @cached_property
     def key(self) -> str:

@@ -22,6 +22,7 @@ class _Stop(SuspensionForce):
     grids: ClassVar = {"gap": (0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.06), "n": (1.0, 2.0)}
     grid_units: ClassVar = {"gap": "m", "n": ""}
     bounds: ClassVar = {"gap": (0.0, 0.08), "n": (1.0, 3.0)}
+    simplest: ClassVar = {"n": 1.0}
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

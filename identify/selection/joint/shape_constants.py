@@ -7,7 +7,7 @@ quarter as wide as the one before; which combination of them explains most then 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -56,7 +56,7 @@ def with_best_constants(
 
     The search begins at the constants that they have and at all values of their grids, and goes on around the best of
     them. The same law at several places has common constants, unless constants of their own explain more than the law
-    may be inexact.
+    may be inexact. So a law is the simplest of its kind (`Effect.simplest`), unless another explains more than that.
     """
     if groups is not None:
         return _searched(space, effects, [[i] for i in range(len(effects))], progress, sets=groups)
@@ -67,17 +67,35 @@ def with_best_constants(
             begun[i] = replace(effects[i], shape=effects[group[0]].shape)
     found = _searched(space, begun, laws, progress)
     if all(len(group) == 1 for group in laws):
-        return found
+        return _simplest(space, found, laws, progress)
     own = _searched(space, found, [[i] for i in range(len(found))], progress, grid=False)
     both = _Falls.of(space, [[a, b] for a, b in zip(found, own, strict=True)])
     common = both.of_choice([0] * len(found))
     for group in laws:
         if len(group) > 1:
             apart = both.of_choice([int(i in group) for i in range(len(found))])
-            law = common - both.of_choice([None if i in group else 0 for i in range(len(found))])
-            if apart - common > max(SELECTION.least_refinement_fall, SELECTION.law_inexactness**2 * law):
+            if apart - common > both.inexact(group):
                 for i in group:
                     found[i] = own[i]
+    return _simplest(space, found, laws, progress)
+
+
+def _simplest(
+    space: ScoreTests, effects: Sequence[Effect], laws: Sequence[Sequence[int]], progress: Progress
+) -> list[Effect]:  # fmt: skip
+    """The effects, a law at its simplest constants where the present ones explain no more than it may be inexact."""
+    found = list(effects)
+    for group in laws:
+        simple = found[group[0]].simplest
+        if all(found[i].shape.get(name, at) == at for i in group for name, at in simple.items()):
+            continue
+        begun = [replace(e, shape={**e.shape, **simple}) if i in group else e for i, e in enumerate(found)]
+        common = all(found[i].shape == found[group[0]].shape for i in group)
+        moved = _searched(space, begun, [group] if common else [[i] for i in group], progress, held=simple)
+        both = _Falls.of(space, [[a, b] for a, b in zip(found, moved, strict=True)])
+        gained = both.of_choice([0] * len(found)) - both.of_choice([int(i in group) for i in range(len(found))])
+        if gained <= both.inexact(group):
+            found = moved
     return found
 
 
@@ -96,12 +114,19 @@ def _same_law(effects: Sequence[Effect]) -> list[list[int]]:
 
 def _searched(
     space: ScoreTests, effects: Sequence[Effect], groups: Sequence[Sequence[int]], progress: Progress,
-    sets: Sequence[int] | None = None, grid: bool = True,
+    sets: Sequence[int] | None = None, grid: bool = True, held: Collection[str] = (),
 ) -> list[Effect]:  # fmt: skip
-    """The effects with the best constants, a group with the same; in the model together are those of one set."""
+    """The effects with the best constants, a group with the same; in the model together are those of one set.
+
+    Effects of no group, and the constants `held`, stay as they are.
+    """
     sets = [0] * len(effects) if sets is None else sets
     found = list(effects)
-    widths = [_first_widths(effect) for effect in found]
+    moved = {i for group in groups for i in group}
+    widths = [
+        {name: width for name, width in _first_widths(effect).items() if name not in held} if i in moved else {}
+        for i, effect in enumerate(found)
+    ]
     for number in range(SELECTION.most_constant_rounds):
         moving = [group for group in groups if widths[group[0]]]
         if not moving:
@@ -110,7 +135,7 @@ def _searched(
         progress(Step(Stage.SHAPE_CONSTANTS, number + 1, subject=names))
         inner = [[effect, *_around(effect, own)] for effect, own in zip(found, widths, strict=True)]
         outer = [
-            [*_around(effect, own, edge=True), *(effect.shapes() if own and grid and number == 0 else [])]
+            [*_around(effect, own, edge=True), *(_on_grid(effect, held) if own and grid and number == 0 else [])]
             for effect, own in zip(found, widths, strict=True)
         ]
         tried = [[*near, *far] for near, far in zip(inner, outer, strict=True)]
@@ -150,6 +175,11 @@ def refined(space: ScoreTests, c: Candidate) -> Candidate:
     values, spread = inside.values(trial.place)
     half = SELECTION.interval_quantile * spread
     return replace(c, shape=dict(best.shape), values=tuple(map(float, values)), interval=tuple(map(float, half)))
+
+
+def _on_grid(effect: Effect, held: Collection[str]) -> list[Effect]:
+    """The effect at all values of its grids, with the constants `held` that it has."""
+    return [one for one in effect.shapes() if all(one.shape[name] == effect.shape[name] for name in held)]
 
 
 def _first_widths(effect: Effect) -> dict[str, float]:
@@ -221,3 +251,10 @@ class _Falls:
         score = self.inside.reduced[at, self.inside.sums.layout.right]
         normal = self.inside.reduced[np.ix_(at, at)] + np.diag(self.prior[at] ** -2.0)
         return float(score @ solved(normal, score[:, None])[:, 0])
+
+    def inexact(self, group: Collection[int]) -> float:
+        """Fall by which a law may be better with other constants and still be the same: that of the first options."""
+        number = len(self.places)
+        without = self.of_choice([None if i in group else 0 for i in range(number)])
+        law = self.of_choice([0] * number) - without
+        return max(SELECTION.least_refinement_fall, SELECTION.law_inexactness**2 * law)

@@ -115,6 +115,17 @@ def test_constants_searched_together_explain_more_than_one_after_the_other(space
     assert stop.shape["gap"] == pytest.approx(STOP.shape["gap"], abs=0.002)
 
 
+def test_a_law_is_the_simplest_of_its_kind_unless_another_explains_more():
+    """Noise alone would bend a linear stop: its exponent cannot be less than 1."""
+    linear = replace(STOP, shape={**STOP.shape, "n": 1.0})
+    fitted = fit_of(driven(with_all([*HIDDEN, (linear, 60000.0)]), 3))
+    space = ScoreTests.of(Linearisation.of(fitted, floor_of(fitted, DRAWS)), [KNOWN[key] for key in KEYS], 0)
+    begun = [*LAWS, replace(linear, shape={"gap": 0.02, "n": 2.0})]
+    *others, stop = with_best_constants(space, begun)
+    assert others == LAWS
+    assert stop.shape == {"gap": pytest.approx(linear.shape["gap"], abs=0.0005), "n": 1.0}
+
+
 def test_an_effect_that_is_added_without_a_ranking_gets_the_constants_of_the_runs(fitted: Fit, floor: NoiseFloor):
     *bars, stop = constants_by_runs(fitted, floor, [*LAWS, KNOWN[STOP.key]])
     assert bars == LAWS
