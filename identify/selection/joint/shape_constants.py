@@ -55,48 +55,67 @@ def with_best_constants(
     `groups` : number of the group of each effect, where only those of a group are in the model together.
 
     The search begins at the constants that they have and at all values of their grids, and goes on around the best of
-    them. The same law at several places has common constants, unless constants of their own explain more than the law
-    may be inexact. So a law is the simplest of its kind (`Effect.simplest`), unless another explains more than that.
+    them. The same law at several places has common constants, and is the simplest of its kind (`Effect.simplest`),
+    unless others explain more than noise by each further constant, and more than the law may be inexact.
     """
+    each = [[i] for i in range(len(effects))]
     if groups is not None:
-        return _searched(space, effects, [[i] for i in range(len(effects))], progress, sets=groups)
+        return _searched(space, effects, each, progress, sets=groups)
     laws = _same_law(effects)
     begun = list(effects)
     for group in laws:
         for i in group:
             begun[i] = replace(effects[i], shape=effects[group[0]].shape)
-    found = _searched(space, begun, laws, progress)
-    if all(len(group) == 1 for group in laws):
-        return _simplest(space, found, laws, progress)
-    own = _searched(space, found, [[i] for i in range(len(found))], progress, grid=False)
-    both = _Falls.of(space, [[a, b] for a, b in zip(found, own, strict=True)])
-    common = both.of_choice([0] * len(found))
-    for group in laws:
-        if len(group) > 1:
-            apart = both.of_choice([int(i in group) for i in range(len(found))])
-            if apart - common > both.inexact(group):
-                for i in group:
-                    found[i] = own[i]
-    return _simplest(space, found, laws, progress)
+    common = _searched(space, begun, laws, progress)
+    answers = [common]
+    if any(len(group) > 1 for group in laws):
+        answers.append(_searched(space, common, each, progress, grid=False))
+    for found, moved in zip(tuple(answers), (laws, each), strict=False):
+        if (simple := [_simplest(effect) for effect in found]) != found:
+            answers.append(_searched(space, simple, moved, progress, simple=True))
+    return _fewest_constants(space, answers, laws) if len(answers) > 1 else common
 
 
-def _simplest(
-    space: ScoreTests, effects: Sequence[Effect], laws: Sequence[Sequence[int]], progress: Progress
+def _simplest(effect: Effect) -> Effect:
+    """The effect as the simplest law of its kind."""
+    return replace(effect, shape={**effect.shape, **effect.simplest}) if effect.simplest else effect
+
+
+def _fewest_constants(
+    space: ScoreTests, answers: Sequence[Sequence[Effect]], laws: Sequence[Sequence[int]]
 ) -> list[Effect]:  # fmt: skip
-    """The effects, a law at its simplest constants where the present ones explain no more than it may be inexact."""
-    found = list(effects)
+    """Of several answers, the first of which has common constants, each law with the fewest that are good enough.
+
+    Not good enough is one that another beats by more than noise in each constant that it has more, and by more than the
+    law may be inexact.
+    """
+    fall = _Falls.of(space, list(zip(*answers, strict=True)))
+    out = list(answers[0])
     for group in laws:
-        simple = found[group[0]].simplest
-        if all(found[i].shape.get(name, at) == at for i in group for name, at in simple.items()):
-            continue
-        begun = [replace(e, shape={**e.shape, **simple}) if i in group else e for i, e in enumerate(found)]
-        common = all(found[i].shape == found[group[0]].shape for i in group)
-        moved = _searched(space, begun, [group] if common else [[i] for i in group], progress, held=simple)
-        both = _Falls.of(space, [[a, b] for a, b in zip(found, moved, strict=True)])
-        gained = both.of_choice([0] * len(found)) - both.of_choice([int(i in group) for i in range(len(found))])
-        if gained <= both.inexact(group):
-            found = moved
-    return found
+        chosen = ([k if i in group else 0 for i in range(len(out))] for k in (*range(len(answers)), None))
+        *falls, without = map(fall.of_choice, chosen)
+        allowed = SELECTION.law_inexactness**2 * (max(falls) - without)
+        counts = [_constants_found([answer[i] for i in group]) for answer in answers]
+        best = min(
+            (k for k in range(len(answers)) if all(
+                other - falls[k] <= max(SELECTION.least_refinement_fall * (more - counts[k]), allowed)
+                for other, more in zip(falls, counts, strict=True) if more > counts[k])),
+            key=lambda k: (counts[k], -falls[k]),
+        )  # fmt: skip
+        for i in group:
+            out[i] = answers[best][i]
+    return out
+
+
+def _constants_found(effects: Sequence[Effect]) -> int:
+    """Number of constants of a law that are neither common to its places nor those of the simplest law."""
+    different = {tuple(sorted(effect.shape.items())): effect for effect in effects}.values()
+    return sum(
+        effect.simplest.get(name) != value
+        for effect in different
+        for name, value in effect.shape.items()
+        if name in effect.grids and np.ptp(effect.bounds_of(name)) > 0.0
+    )
 
 
 def fall_of(space: ScoreTests, effects: Sequence[Effect]) -> float:
@@ -114,18 +133,18 @@ def _same_law(effects: Sequence[Effect]) -> list[list[int]]:
 
 def _searched(
     space: ScoreTests, effects: Sequence[Effect], groups: Sequence[Sequence[int]], progress: Progress,
-    sets: Sequence[int] | None = None, grid: bool = True, held: Collection[str] = (),
+    sets: Sequence[int] | None = None, grid: bool = True, simple: bool = False,
 ) -> list[Effect]:  # fmt: skip
     """The effects with the best constants, a group with the same; in the model together are those of one set.
 
-    Effects of no group, and the constants `held`, stay as they are.
+    `grid` : whether the values of their grids are tried as well; `simple` : they stay the simplest laws of their kind.
     """
     sets = [0] * len(effects) if sets is None else sets
     found = list(effects)
-    moved = {i for group in groups for i in group}
+    held = [effect.simplest if simple else {} for effect in found]
     widths = [
-        {name: width for name, width in _first_widths(effect).items() if name not in held} if i in moved else {}
-        for i, effect in enumerate(found)
+        {name: width for name, width in _first_widths(effect).items() if name not in stay}
+        for effect, stay in zip(found, held, strict=True)
     ]
     for number in range(SELECTION.most_constant_rounds):
         moving = [group for group in groups if widths[group[0]]]
@@ -135,8 +154,8 @@ def _searched(
         progress(Step(Stage.SHAPE_CONSTANTS, number + 1, subject=names))
         inner = [[effect, *_around(effect, own)] for effect, own in zip(found, widths, strict=True)]
         outer = [
-            [*_around(effect, own, edge=True), *(_on_grid(effect, held) if own and grid and number == 0 else [])]
-            for effect, own in zip(found, widths, strict=True)
+            [*_around(effect, own, edge=True), *(_on_grid(effect, stay) if own and grid and number == 0 else [])]
+            for effect, own, stay in zip(found, widths, held, strict=True)
         ]
         tried = [[*near, *far] for near, far in zip(inner, outer, strict=True)]
         fall = _Falls.of(space, tried)
@@ -251,10 +270,3 @@ class _Falls:
         score = self.inside.reduced[at, self.inside.sums.layout.right]
         normal = self.inside.reduced[np.ix_(at, at)] + np.diag(self.prior[at] ** -2.0)
         return float(score @ solved(normal, score[:, None])[:, 0])
-
-    def inexact(self, group: Collection[int]) -> float:
-        """Fall by which a law may be better with other constants and still be the same: that of the first options."""
-        number = len(self.places)
-        without = self.of_choice([None if i in group else 0 for i in range(number)])
-        law = self.of_choice([0] * number) - without
-        return max(SELECTION.least_refinement_fall, SELECTION.law_inexactness**2 * law)
