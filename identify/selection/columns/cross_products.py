@@ -37,10 +37,17 @@ class Extent(Enum):
 
     ALL = auto()
     """Over all samples, inside and outside folds, and by row, with simulated runs."""
+    FOLDS = auto()
+    """Over all samples, inside and outside folds, with simulated runs."""
     SIMULATED = auto()
     """Over all samples, with simulated runs."""
     TOTAL = auto()
     """Over all samples."""
+
+    @property
+    def folds(self) -> int:
+        """Number of folds; 1 for none."""
+        return SELECTION.folds if self in (Extent.ALL, Extent.FOLDS) else 1
 
 
 @dataclass(frozen=True)
@@ -50,7 +57,7 @@ class SumsOfRuns:
     Attributes
     ----------
     total : (w, w) of all samples; `train`, `test` (folds, w, w) of those outside and inside a fold, `test` at the
-        zeros found outside; no fold unless `Extent.ALL`.
+        zeros found outside; no fold unless `Extent.ALL` or `FOLDS`.
     null : row → (w, D) products with the row's simulated noise; `null_sheet` (w, D) with simulated zeros and drifts.
     rows : row → sums over its samples alone; none unless `Extent.ALL`.
     acting : row → (w,) whether a column acts on it.
@@ -86,8 +93,8 @@ class SumsOfRuns:
         seed : of its simulated zeros and drifts.
         extent : which sums.
         """
-        every, width = extent is Extent.ALL, weighting.layout.width
-        folds = [products.fold(fold) for fold in range(SELECTION.folds)] if every else []
+        width = weighting.layout.width
+        folds = [products.fold(fold) for fold in range(extent.folds)] if extent.folds > 1 else []
         train, test = (
             (np.stack(part) for part in zip(*folds, strict=True)) if folds else [np.zeros((0, width, width))] * 2
         )
@@ -98,7 +105,7 @@ class SumsOfRuns:
             products.eliminated[1], train, test,
             {row: products.remaining(noise) for row, noise in products.noise.items()},
             np.sum(list(_sheet_draws(products, weighting, drifts, np.random.default_rng(seed))), axis=0),
-            {row: products.row(row) for row in products.by_row if every}, acting, (products.eliminated[0],),
+            {row: products.row(row) for row in products.by_row if extent is Extent.ALL}, acting, (products.eliminated[0],),
         )  # fmt: skip
 
     @staticmethod
@@ -217,8 +224,8 @@ def samples_of(
     `first` is the number of the run's first block; `made` are its weighted samples where they are known.
     """
     blocks = Blocks.of(made or blocks_of(fitted, floor, weighting, run), fitted.runs[run].is_long)
-    folds = SELECTION.folds if extent is Extent.ALL else 1
-    products = RunProducts.of(blocks, len(fitted.zeros[run][1]), weighting.layout.width, floor.count, first, folds)
+    zeros, width = len(fitted.zeros[run][1]), weighting.layout.width
+    products = RunProducts.of(blocks, zeros, width, floor.count, first, extent.folds)
     return RunSamples(blocks, products.eliminated[0], products.noise_zeros, first), products
 
 

@@ -18,7 +18,7 @@ from lacet.identify.selection.columns.candidate_columns import WITHOUT_COLUMN
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.joint.free_constants import FreeConstants, FreeStep, least_gain
 from lacet.identify.selection.joint.refits import Joint, beside_removed, less
-from lacet.identify.selection.joint.shape_constants import fall_of, with_best_constants
+from lacet.identify.selection.joint.shape_constants import constants_found, fall_of, with_best_constants
 from lacet.identify.selection.joint.subset_search import inexactness_of
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
@@ -66,7 +66,8 @@ def with_other_constants(joint: Joint, seed: int, progress: Progress) -> list[Ot
     out = [OtherLaws(with_best_constants(alone, wanted, progress), frozenset(needed)) for wanted, needed in sets]
     out += _one_for_one(joint, alone, free, best, progress)
     out += itertools.islice(_one_for_two(joint, alone, free, best, progress), SELECTION.most_free_steps)
-    if fall_of(alone, best) - fall_of(alone, laws) > SELECTION.least_refinement_fall:
+    fewer = constants_found(best) < constants_found(laws)
+    if fewer or fall_of(alone, best) - fall_of(alone, laws) > SELECTION.least_refinement_fall:
         # With the new constants of one law another may fall out of the fit: it is not needed.
         out.append(OtherLaws(best, frozenset()))
     return out

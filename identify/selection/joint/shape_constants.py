@@ -67,10 +67,11 @@ def with_best_constants(
         for i in group:
             begun[i] = replace(effects[i], shape=effects[group[0]].shape)
     common = _searched(space, begun, laws, progress)
-    answers = [common]
+    answers, searched = [common] if begun == list(effects) else [common, list(effects)], [(common, laws)]
     if any(len(group) > 1 for group in laws):
-        answers.append(_searched(space, common, each, progress, grid=False))
-    for found, moved in zip(tuple(answers), (laws, each), strict=False):
+        answers.append(own := _searched(space, common, each, progress, grid=False))
+        searched.append((own, each))
+    for found, moved in searched:
         if (simple := [_simplest(effect) for effect in found]) != found:
             answers.append(_searched(space, simple, moved, progress, simple=True))
     return _fewest_constants(space, answers, laws) if len(answers) > 1 else common
@@ -116,6 +117,11 @@ def _constants_found(effects: Sequence[Effect]) -> int:
         for name, value in effect.shape.items()
         if name in effect.grids and np.ptp(effect.bounds_of(name)) > 0.0
     )
+
+
+def constants_found(effects: Sequence[Effect]) -> int:
+    """Number of constants that had to be found: those common to several places count once, the simplest not at all."""
+    return sum(_constants_found([effects[i] for i in group]) for group in _same_law(effects))
 
 
 def fall_of(space: ScoreTests, effects: Sequence[Effect]) -> float:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.language.compiled import OneLine
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.selection.columns.cross_products import Extent
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise, regressor_labels
 from lacet.identify.selection.joint.shape_constants import with_best_constants
 from lacet.identify.selection.laws.settings import LAWS
@@ -178,7 +179,7 @@ class _Columns:
 
     @classmethod
     def of(cls, space: ScoreTests, elsewhere: Terms, sums: Sequence[Terms]) -> _Columns:
-        inside, trials = space.beside([*elsewhere, *(term for terms in sums for term in terms)])
+        inside, trials = space.beside([*elsewhere, *(term for terms in sums for term in terms)], Extent.FOLDS)
         places = np.array([trial.place.start for trial in trials], np.intp)
         ends = np.cumsum([len(elsewhere), *(len(terms) for terms in sums)])
         return cls(inside, places[: ends[0]], [places[a:b] for a, b in pairwise(ends.tolist())])

@@ -336,13 +336,19 @@ def test_fewer_sums_are_the_same_sums(fitted: Fit, floor: NoiseFloor):
     """Partial regression and simulated runs do not depend on which other sums were made."""
     space = ScoreTests.of(Linearisation.of(fitted, floor), CANDIDATES, 0)
     tried = [KNOWN["anti_roll_bar.front"], KNOWN["tyre_damping.front"]]
-    every, drawn, total = (space.beside(tried, extent)[0] for extent in Extent)
-    for fewer in (drawn, total):
+    every, folds, drawn, total = (space.beside(tried, extent)[0] for extent in Extent)
+    for fewer in (folds, drawn, total):
         np.testing.assert_allclose(fewer.reduced, every.reduced, rtol=1e-10, atol=1e-10 * np.max(np.abs(every.reduced)))
-        assert not len(fewer.sums.over_runs.train)
         assert not fewer.sums.over_runs.rows
+    assert not len(drawn.sums.over_runs.train)
+    assert not len(total.sums.over_runs.train)
+    for name in ("train", "test"):
+        one, other = (getattr(known.sums.over_runs, name) for known in (folds, every))
+        np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-10 * np.max(np.abs(other)))
     for row, null in every.sums.over_runs.null.items():
-        np.testing.assert_allclose(drawn.sums.over_runs.null[row], null, rtol=1e-10, atol=1e-10 * np.max(np.abs(null)))
+        for fewer in (folds, drawn):
+            own = fewer.sums.over_runs.null[row]
+            np.testing.assert_allclose(own, null, rtol=1e-10, atol=1e-10 * np.max(np.abs(null)))
     assert len(every.sums.over_runs.train) == SELECTION.folds
 
 
