@@ -105,7 +105,8 @@ class SumsOfRuns:
             products.eliminated[1], train, test,
             {row: products.remaining(noise) for row, noise in products.noise.items()},
             np.sum(list(_sheet_draws(products, weighting, drifts, np.random.default_rng(seed))), axis=0),
-            {row: products.row(row) for row in products.by_row if extent is Extent.ALL}, acting, (products.eliminated[0],),
+            {row: products.row(row) for row in products.by_row if extent is Extent.ALL}, acting,
+            (products.eliminated[0],),
         )  # fmt: skip
 
     @staticmethod
