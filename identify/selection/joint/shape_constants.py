@@ -147,7 +147,7 @@ def _searched(
     """
     sets = [0] * len(effects) if sets is None else sets
     found = list(effects)
-    held = [effect.simplest if simple else {} for effect in found]
+    held: list[Mapping[str, float]] = [effect.simplest if simple else dict[str, float]() for effect in found]
     widths = [
         {name: width for name, width in _first_widths(effect).items() if name not in stay}
         for effect, stay in zip(found, held, strict=True)

@@ -20,7 +20,7 @@ from lacet.identify.selection.joint.free_constants import FreeConstants, least_g
 from lacet.identify.selection.joint.other_constants import OtherLaws, with_other_constants
 from lacet.identify.selection.joint.refits import Joint, fitted_together
 from lacet.identify.selection.joint.rounds import improved, with_a_fault
-from lacet.identify.selection.joint.shape_constants import fall_of
+from lacet.identify.selection.joint.shape_constants import fall_of, with_best_constants
 from lacet.identify.selection.joint.subset_search import Subset, search
 from lacet.identify.selection.relinearisation import relinearise
 from lacet.identify.selection.rest import Rest, added_laws
@@ -113,6 +113,15 @@ def test_constants_are_searched_again_in_the_fit_with_all(space: ScoreTests):
     (stop,) = (effect for effect in right.effects if effect.key == STOP.key)
     assert {*right.keys} == {*wrong.keys}
     assert stop.shape["gap"] == pytest.approx(STOP.shape["gap"], abs=0.002)
+
+
+def test_constants_that_the_runs_do_not_show_are_given_up(space: ScoreTests):
+    """A stop a little bent explains no less than one that is not: the straight one has a constant less."""
+    (best,) = (one for one in with_best_constants(space, [STOP, SPRING, BAR]) if one.key == STOP.key)
+    bent = replace(best, shape={"gap": best.shape["gap"], "n": 1.01})
+    others = with_other_constants(begun(space, [bent, SPRING, BAR]), 0, lambda _: None)
+    assert [one.shape["n"] for one in others[-1].laws if one.key == STOP.key] == [1.0]
+    assert fall_of(space, [best, SPRING, BAR]) - fall_of(space, [bent, SPRING, BAR]) < SELECTION.least_refinement_fall
 
 
 @pytest.mark.parametrize("stuck", [False, True])
