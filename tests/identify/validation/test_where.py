@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import astuple, replace
 from itertools import pairwise
 
 import numpy as np
@@ -24,7 +24,7 @@ from lacet.identify.validation.noise_floor import NoiseFloor, RunDraws, floor_of
 from lacet.identify.validation.projected_noise import Draws, refitted_draws
 from lacet.identify.validation.residual_map import conditional_mean, followed_states
 from lacet.identify.validation.restoring_force import restoring_surfaces, surface
-from lacet.identify.validation.smooth_regressors import FOLDS, RIDGE, blocked_losses
+from lacet.identify.validation.smooth_regressors import FOLDS, RIDGE, ColumnMaker, blocked_losses
 from lacet.identify.validation.spectra import _level, _segments, row_spectrum
 from lacet.identify.validation.states import BLUR, ClearStates, states_of
 from lacet.services.render.rows import explainable
@@ -150,6 +150,26 @@ def test_a_prediction_is_made_from_the_other_folds():
         expected = np.sum((targets[blocks == 6] - columns[blocks == 6] @ x) ** 2, axis=0)
         assert losses[1 + k, 6] == pytest.approx(expected)
     assert losses[0, 6] == pytest.approx(np.sum(targets[blocks == 6] ** 2, axis=0))
+
+
+def test_rows_with_the_same_columns_are_predicted_as_one_by_one(
+    fitted: Fit, floor: NoiseFloor, clear: ClearStates, draws: Draws
+):
+    """Of a corner's rows those with other samples than the rest have columns of their own."""
+    first, second = Row.parse("suspension.fl"), Row.parse("tyre.fl")
+    run = fitted.runs[0]
+    shorter = PreparedRun(run.recording, index={**run.index, second: run.index[second][5:]})
+    for drive, same in ((run, True), (shorter, False)):
+        maker = ColumnMaker(ClearStates([drive]))
+        assert (maker.group(first, ("travel",)) == maker.group(second, ("travel",))) == same
+    together = explainable_residual(fitted, floor, clear, draws)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ColumnMaker, "group", lambda self, row, names: row)
+        alone = explainable_residual(fitted, floor, clear, draws)
+    assert list(together) == [row for row in fitted.rows if row in alone]
+    for row, (_, unit, *numbers) in ((row, astuple(one)) for row, one in together.items()):
+        assert unit == row.unit
+        np.testing.assert_allclose(numbers, astuple(alone[row])[2:], rtol=1e-7, atol=1e-9, err_msg=str(row))
 
 
 def test_a_fit_takes_away_what_its_parameters_can(fitted: Fit, floor: NoiseFloor):
