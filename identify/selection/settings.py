@@ -132,8 +132,9 @@ class SelectionSettings:
     choice, not tuned."""
     least_refinement_fall: float = 4.0
     """Fall of the weighted squares by which a value off the grid must be better at first, and a rival for it to take a
-    law's place; so much a search of constants may leave, and a rival with fewer of them explain less [weighted
-    squares]. Source: two σ of one parameter (χ² with one degree of freedom, 95 %: 3.84)."""
+    law's place; so much more each constant must explain that is not common to the places of a law, or not the simplest;
+    so much a search of constants may leave, and a rival with fewer of them explain less [weighted squares].
+    Source: two σ of one parameter (χ² with one degree of freedom, 95 %: 3.84)."""
 
     table_error: float = 0.25
     """Largest error of a bench table that is thought of as part of a law found, ÷ what it says [share]. Source: a

@@ -13,17 +13,8 @@ pytest.importorskip("mujoco")
 
 from benchmarks.stories.__main__ import PICTURES
 from benchmarks.stories.page import STORIES, close, not_printed, play, steps
-from lacet.identify.effects.base import Effect
 from lacet.identify.validation.score import pooled_ratio
-from lacet.services.workspace.effect_files import line_effects
 from lacet.services.workspace.study import Study, Version
-
-EFFECTS = Study.effects
-SUSPENSION = {
-    "anti_roll_bar", "bump_stop", "coulomb", "damper_digressive", "damper_hysteresis", "damper_knee",
-    "damper_saturation", "damper_stroke", "damper_stroke_symmetric", "spring_cubic",
-}  # fmt: skip
-"""Families of the catalogue."""
 
 
 def played(page: str) -> None:
@@ -52,12 +43,6 @@ def falls(versions: Sequence[Version]) -> None:
     assert held(versions[-1]) < 1.10
 
 
-def of_suspensions(study: Study, reference: str) -> dict[str, Effect]:
-    """The base model, the catalogue's springs, dampers, friction, stops and bars, and the study's own lines."""
-    own = {cls.name for cls in line_effects(study.folder / "effects")}
-    return {key: e for key, e in EFFECTS(study, reference).items() if e.base or e.name in own | SUSPENSION}
-
-
 def test_bars_and_friction_separate_table_2_from_table_6(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     played("bars-and-friction.md")
@@ -84,13 +69,7 @@ def test_bars_and_friction_separate_table_2_from_table_6(tmp_path: Path, monkeyp
         assert abs(found[name]["value"] - float(true)) < found[name]["half95"]
 
 
-@pytest.mark.parametrize("whole", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_the_effect_nobody_listed_is_written_by_the_engineer(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: bool
-) -> None:
-    """With the effects of the suspensions alone, or the whole catalogue: the page is the same."""
-    if not whole:
-        monkeypatch.setattr(Study, "effects", of_suspensions)
+def test_the_effect_nobody_listed_is_written_by_the_engineer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     played("an-effect-of-ones-own.md")
     study = Study.open(Path("groove"))

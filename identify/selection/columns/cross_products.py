@@ -182,15 +182,12 @@ class CrossProducts:
         # Runs count from one: NumPy fills seeds up with zeros, and the tolerances of all runs are drawn from [seed, 6].
         weighting = Weighting(layout, fitted.orthonormaliser(floor.sigma), prior_stiffening)
         held: list[RunSamples] = []
-        there = None if known is None else KnownColumns.of(layout, known.weighting)
+        there = None if known is None else KnownColumns.of(layout, known.weighting, known.samples)
 
         def each() -> Iterator[SumsOfRuns]:
             first = 0
             for run in range(len(fitted.runs)):
-                if known is None or there is None or not isinstance(known.samples, HeldSamples):
-                    made = blocks_of(fitted, floor, weighting, run)
-                else:
-                    made = there.blocks(fitted, floor, weighting, run, known.samples.runs[run].blocks)
+                made = None if there is None else there.blocks(fitted, floor, weighting, run)
                 samples, products = samples_of(fitted, floor, weighting, run, first, extent, made)
                 held.append(samples)
                 first += samples.block_count

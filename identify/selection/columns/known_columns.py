@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lacet.identify.effects.base import PhysicalEffect
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.layout import Layout, Trial
-from lacet.identify.selection.columns.samples import Blocks
+from lacet.identify.selection.columns.samples import HeldSamples, RunSamples, Samples
 from lacet.identify.selection.columns.weighted_columns import Block, Weighting
 from lacet.identify.validation.noise_floor import NoiseFloor
 
@@ -26,23 +26,25 @@ class KnownColumns:
 
     Attributes
     ----------
-    before : weighting of those samples.
+    before, runs : weighting of those samples, and the samples of each run.
     place : (w,) place of each column of the layout in theirs, −1 for none.
     fresh : trials without a column there, with their effects.
     """
 
     before: Weighting
+    runs: tuple[RunSamples, ...]
     place: NDArray[np.intp]
     fresh: tuple[tuple[Trial, PhysicalEffect], ...]
 
     @classmethod
-    def of(cls, layout: Layout, before: Weighting) -> KnownColumns | None:
-        """The columns of a layout in samples with a weighting; None where others than of physical effects lack.
+    def of(cls, layout: Layout, before: Weighting, samples: Samples) -> KnownColumns | None:
+        """The columns of a layout in samples with a weighting.
 
+        None where the samples are elsewhere, or columns of others than physical effects are not among them.
         Columns of sensor faults are made with the sensitivities of the residual, which only the fit's pieces have.
         """
         old = before.layout
-        if (old.model, old.sheet) != (layout.model, layout.sheet):
+        if not isinstance(samples, HeldSamples) or (old.model, old.sheet) != (layout.model, layout.sheet):
             return None
         there = {repr(trial.effect): trial.place for trial in old.trials}
         place = np.full(layout.width, -1, np.intp)
@@ -56,10 +58,11 @@ class KnownColumns:
                 fresh.append((trial, physics))
             else:
                 return None
-        return cls(before, place, tuple(fresh))
+        return cls(before, samples.runs, place, tuple(fresh))
 
-    def blocks(self, fitted: Fit, floor: NoiseFloor, weighting: Weighting, run: int, known: Blocks) -> Iterator[Block]:
-        """Weighted samples of one run, as of `weighted_columns.blocks_of`, from those that are `known`."""
+    def blocks(self, fitted: Fit, floor: NoiseFloor, weighting: Weighting, run: int) -> Iterator[Block]:
+        """Weighted samples of one run, as of `weighted_columns.blocks_of`, from those that are known."""
+        known = self.runs[run].blocks
         seen = dict.fromkeys((block.row for block in known.held), 0)
         each = {row: known.of_row(row) for row in seen}
         stiffer = self.before.prior_stiffening / weighting.prior_stiffening

@@ -87,8 +87,8 @@ def _fewest_constants(
 ) -> list[Effect]:  # fmt: skip
     """Of several answers, the first of which has common constants, each law with the fewest that are good enough.
 
-    Not good enough is one that another beats by more than noise in each constant that it has more, and by more than the
-    law may be inexact.
+    One is not good enough where another with more constants explains more: by more than noise for each of them, and by
+    more than the law may be inexact.
     """
     fall = _Falls.of(space, list(zip(*answers, strict=True)))
     out = list(answers[0])
@@ -96,7 +96,7 @@ def _fewest_constants(
         chosen = ([k if i in group else 0 for i in range(len(out))] for k in (*range(len(answers)), None))
         *falls, without = map(fall.of_choice, chosen)
         allowed = SELECTION.law_inexactness**2 * (max(falls) - without)
-        counts = [_constants_found([answer[i] for i in group]) for answer in answers]
+        counts = [_constants_of_law([answer[i] for i in group]) for answer in answers]
         best = min(
             (k for k in range(len(answers)) if all(
                 other - falls[k] <= max(SELECTION.least_refinement_fall * (more - counts[k]), allowed)
@@ -108,7 +108,7 @@ def _fewest_constants(
     return out
 
 
-def _constants_found(effects: Sequence[Effect]) -> int:
+def _constants_of_law(effects: Sequence[Effect]) -> int:
     """Number of constants of a law that are neither common to its places nor those of the simplest law."""
     different = {tuple(sorted(effect.shape.items())): effect for effect in effects}.values()
     return sum(
@@ -121,7 +121,7 @@ def _constants_found(effects: Sequence[Effect]) -> int:
 
 def constants_found(effects: Sequence[Effect]) -> int:
     """Number of constants that had to be found: those common to several places count once, the simplest not at all."""
-    return sum(_constants_found([effects[i] for i in group]) for group in _same_law(effects))
+    return sum(_constants_of_law([effects[i] for i in group]) for group in _same_law(effects))
 
 
 def fall_of(space: ScoreTests, effects: Sequence[Effect]) -> float:

@@ -90,8 +90,10 @@ def forbidden(*_: object) -> None:
 def test_a_fault_without_columns_has_all_computed(space: ScoreTests):
     """Its response needs the sensitivities, which the samples do not have."""
     layout = Layout.of(space.layout.model, space.layout.sheet, [KNOWN["sensor_gain.hub.fl"]])
-    assert KnownColumns.of(layout, space.sums.weighting) is None
-    assert KnownColumns.of(replace(layout, sheet=layout.sheet[1:], trials=()), space.sums.weighting) is None
+    before = space.sums.weighting, space.sums.samples
+    assert KnownColumns.of(replace(layout, trials=()), *before) is not None
+    assert KnownColumns.of(layout, *before) is None
+    assert KnownColumns.of(replace(layout, sheet=layout.sheet[1:], trials=()), *before) is None
 
 
 def assert_equal(found: Array, wanted: Array, what: str = "") -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from lacet.services.render.terms import TERMS
 from lacet.services.workbench.help_pages import DOCS
-from tests.services.workbench.browser.bench import FEW, LONG, Opened, missing, opening, serving
+from tests.services.workbench.browser.bench import LONG, Opened, missing, opening, serving
 
 STYLES = Path(__file__).parents[4] / "services" / "workbench" / "static" / "css" / "base.css"
 _DEUTERANOPIA = ((0.367322, 0.860646, -0.227968), (0.280085, 0.672501, 0.047413), (-0.011820, 0.042940, 0.968881))
@@ -21,7 +21,7 @@ APART = 20.0
 
 
 def test_the_tour_makes_a_study_of_the_example_runs(browser: Any, tmp_path: Path) -> None:
-    with serving(tmp_path / "study", tmp_path, module=FEW) as bench, opening(browser, bench.address) as opened:
+    with serving(tmp_path / "study", tmp_path) as bench, opening(browser, bench.address) as opened:
         watch = opened()
         watch.page.goto(watch.address)
         watch.at("invite-tour").click()
