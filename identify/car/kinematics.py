@@ -119,6 +119,7 @@ def _corner(
         torque_work=torques[1],
         torque=torques[2],
         torque_on_carrier=dot(moment, turned_by) + other_torques,
+        wheel_on_carrier=np.full_like(part.travel, 0.0 if on_carrier.eliminated else 1.0),
         force=load_in_body(values, f"wheel.{c}.force", part.axes, rig, normal),
         moment=moment,
         spin_axis=spin_axis,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from lacet.identify.multibody.rigid_body import PARAMETERS, wrench_regressor
 from lacet.identify.multibody.vectors import Array, cross, dot
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.reconstruct import RunNote
+
+Course: TypeAlias = tuple[Array, Array, Array]
+"""A quantity and its first two derivatives by time, (N,) each, or (5, N) for the joints of a table."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,8 @@ class CornerMotion:
     torque : torque on the wheel that enters the spin row, half-shaft less brake [N·m].
     torque_on_carrier : torque about the spin axis that does work on a pitch of the carrier with travel [N·m]; 0 where
         it is not known.
+    wheel_on_carrier : turn of the wheel in a suspension row per pitch of its carrier: 1, or 0 where the half-shaft's
+        torque is eliminated from it.
     force, moment : measured wheel load, about the wheel centre [N, N·m].
     spin_axis : the wheel's axis, to the left.
     spin, spin_accel : wheel speed about it [rad/s], and its derivative.
@@ -113,6 +118,7 @@ class CornerMotion:
     torque_work: Array
     torque: Array
     torque_on_carrier: Array
+    wheel_on_carrier: Array
     force: Array
     moment: Array
     spin_axis: Array
@@ -130,6 +136,11 @@ class CornerMotion:
     other_dphi_ds: Array | None = None
     other_wheel_dphi_ds: Array | None = None
     other_torque_work: Array | None = None
+
+    @property
+    def travelled(self) -> Course:
+        """The travel and its first two derivatives."""
+        return self.travel, self.rate, self.accel
 
     def at(self, index: NDArray[np.intp]) -> CornerMotion:
         """The corner at the samples `index`."""

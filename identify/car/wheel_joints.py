@@ -17,11 +17,10 @@ import numpy as np
 from lacet.daq.joint_tables import TOE, JointCurve, JointTables
 from lacet.daq.vehicle import Corner
 from lacet.identify.car.car_tree import kinematics, kingpin_pitch, table_signs
+from lacet.identify.car.motion import Course
 from lacet.identify.car.table_errors import SlopeErrors
 from lacet.identify.multibody.vectors import Array
 
-Course = tuple[Array, Array, Array]
-"""A quantity and its first two derivatives by time, (N,) each, or (5, N) for the joints of a table."""
 _ROUNDS = 8
 """Steps of Newton's method for the rack; its start is the table's own line, so that four are enough."""
 

@@ -29,6 +29,10 @@ REACH = 0.1
 from stop to stop, and the half-track slope of wishbones changes by 0.4 in it."""
 
 
+_PER_TRAVEL = {"-": "1/m", "rad/m": "rad/m²", "kg·m": "kg"}
+"""Unit of a slope's parameter → that of its change per travel."""
+
+
 class By(StrEnum):
     """What a term of a joint follows."""
 
@@ -64,10 +68,12 @@ class TableTerm(PhysicalEffect):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """r, by half the square of the travel, or q, by the other wheel's: m or rad per m², or per m."""
-        (slope,) = self.slope.parameters
-        reach = REACH if self.by is By.RISE else 1.0
-        unit = ("1/m" if slope.unit == "-" else "rad/m²") if self.by is By.RISE else slope.unit
-        return (replace(slope, name=f"{self.key}.p", unit=unit, low=slope.low / reach, high=slope.high / reach),)
+        named = [replace(one, name=f"{self.key}.{one.name.rpartition('.')[2]}") for one in self.slope.parameters]
+        if self.by is By.OTHER:
+            return tuple(named)
+        return tuple(
+            replace(one, unit=_PER_TRAVEL[one.unit], low=one.low / REACH, high=one.high / REACH) for one in named
+        )
 
     def columns(self, motion: Motion) -> dict[str, Array]:
         """Those of the slope, with what this term follows in the place of the travel."""
@@ -75,10 +81,10 @@ class TableTerm(PhysicalEffect):
 
     def _of_corner(self, motion: Motion, corner: str) -> dict[str, Array]:
         if self.by is By.RISE:
-            s = motion.corners[corner].travel
-            return self.slope.moved(motion, corner, corner, s, 0.5 * s**2)
+            s, rate, accel = motion.corners[corner].travelled
+            return self.slope.moved(motion, corner, corner, s, (0.5 * s**2, s * rate, rate**2 + s * accel))
         other = other_corner(corner)
-        return self.slope.moved(motion, corner, other, 1.0, motion.corners[other].travel)
+        return self.slope.moved(motion, corner, other, 1.0, motion.corners[other].travelled)
 
 
 def table_terms(axle: str) -> list[PhysicalEffect]:

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.car.motion import Motion
+from lacet.identify.car.motion import Course, Motion
 from lacet.identify.effects.base import AXLES, Parameter, PhysicalEffect, sum_by_row
 from lacet.identify.multibody.vectors import Array, cross
 
@@ -38,12 +38,12 @@ class CentreSlope(PhysicalEffect):
 
     def columns(self, motion: Motion) -> dict[str, Array]:
         """−F·direction in the suspensions, −Δr × F in the chassis."""
-        return sum_by_row(self.moved(motion, c, c, 1.0, motion.corners[c].travel) for c in self.corners())
+        return sum_by_row(self.moved(motion, c, c, 1.0, motion.corners[c].travelled) for c in self.corners())
 
-    def moved(self, motion: Motion, corner: str, by: str, slope: Array | float, shift: Array) -> dict[str, Array]:
-        """Columns of one wheel that moves along the direction by `shift` (N,), `slope` of it by the travel of `by`."""
+    def moved(self, motion: Motion, corner: str, by: str, slope: Array | float, shift: Course) -> dict[str, Array]:
+        """Columns of one wheel that moves along the direction by `shift`, `slope` of it by the travel of `by`."""
         along, force = self.direction(corner), motion.corners[corner].force
-        moment = -shift * cross(along * np.ones_like(shift), force)
+        moment = -shift[0] * cross(along * np.ones_like(shift[0]), force)
         chassis = {f"chassis.m{axis}": moment[k][None] for k, axis in enumerate("xyz")}
         work = slope * np.sum(along * force, axis=0)
         return {f"suspension.{by}": -work[None]} | {row: one for row, one in chassis.items() if row in self.rows}

@@ -1,10 +1,10 @@
-"""A wheel carrier that pitches otherwise than the bench tables say: what its measured loads then are in the rows."""
+"""A wheel carrier that pitches otherwise than bench tables say: its loads and its wheel's inertia in the rows."""
 
 from __future__ import annotations
 
 from lacet.daq.channels import other_corner
-from lacet.identify.car.motion import Motion
-from lacet.identify.multibody.vectors import Array, cross, dot
+from lacet.identify.car.motion import Course, Motion
+from lacet.identify.multibody.vectors import Array, cross, dot, turned
 
 
 def pitched_loads(motion: Motion, corner: str, angle: Array) -> dict[str, Array]:
@@ -25,4 +25,21 @@ def pitched_loads(motion: Motion, corner: str, angle: Array) -> dict[str, Array]
     if wheel.other_dp_ds is not None and wheel.other_wheel_dphi_ds is not None:
         work = dot(force, wheel.other_dp_ds) + dot(moment, wheel.other_wheel_dphi_ds)
         out[f"suspension.{other}"] = -work[None]
+    return out
+
+
+def spun_wheel(motion: Motion, corner: str, angle: Course) -> dict[str, Array]:
+    """Columns of the inertia 1 kg·m² of a wheel that turns by `angle` [rad] more than its speed says: row → (1, N).
+
+    The speed is measured against the carrier; of one that pitches by the angle, the wheel turns in space by as much
+    more. Its momentum about its axis n is then larger by dangle/dt n, which turns with the carrier.
+    """
+    wheel, other = motion.corners[corner], other_corner(corner)
+    _, rate, accel = angle
+    change = accel * wheel.spin_axis + rate * cross(turned(wheel.axes, wheel.axle.omega), wheel.spin_axis)
+    out = {f"chassis.m{axis}": change[k][None] for k, axis in enumerate("xyz")}
+    out[f"spin.{corner}"] = dot(change, wheel.spin_axis)[None]
+    out[f"suspension.{corner}"] = dot(change, wheel.wheel_dphi_ds)[None]
+    if wheel.other_wheel_dphi_ds is not None:
+        out[f"suspension.{other}"] = dot(change, wheel.other_wheel_dphi_ds)[None]
     return out

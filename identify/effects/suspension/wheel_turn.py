@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Self
 
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.car.motion import CornerMotion, Motion
+from lacet.identify.car.motion import CornerMotion, Course, Motion
 from lacet.identify.effects.base import AXLES, Parameter, PhysicalEffect
 from lacet.identify.multibody.vectors import Array, dot, turn, unit
 
@@ -39,10 +39,10 @@ class WheelTurn(PhysicalEffect):
         """−M·Δ∂φ/∂s, the moment without its part about the spin axis."""
         out: dict[str, Array] = {}
         for c in self.corners():
-            out |= self.moved(motion, c, c, 1.0, motion.corners[c].travel)
+            out |= self.moved(motion, c, c, 1.0, motion.corners[c].travelled)
         return out
 
-    def moved(self, motion: Motion, corner: str, by: str, slope: Array | float, shift: Array) -> dict[str, Array]:
+    def moved(self, motion: Motion, corner: str, by: str, slope: Array | float, shift: Course) -> dict[str, Array]:
         """The column of one wheel that turns by `slope` per travel of `by`; the angle itself is measured."""
         del shift
         wheel, side = motion.corners[corner], 1.0 if corner.endswith("l") else -1.0

@@ -9,13 +9,17 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from lacet.daq.joint_tables import JointCurve
+from lacet.daq.vehicle import Corner, Vehicle
 from lacet.identify.car.kinematics import build_motion
+from lacet.identify.car.motion import Motion
 from lacet.identify.effects.body.chassis_torsion import ChassisTorsion
 from lacet.identify.effects.body.engine_mount import EngineMount
 from lacet.identify.effects.catalogue import catalogue, effect_classes
 from lacet.identify.effects.memory import dahl
 from lacet.identify.effects.suspension.damper_asymmetry import DamperAsymmetry
 from lacet.identify.effects.suspension.damper_knee import DamperKnee, DamperKneeBump, DamperKneeRebound
+from lacet.identify.effects.suspension.pitch_change import PitchChange
 from lacet.identify.effects.suspension.stops import BumpStop, ReboundStop
 from lacet.identify.effects.suspension.with_memory import SuspensionForceWithMemory
 from lacet.identify.multibody.chain import FrameMotion
@@ -73,7 +77,7 @@ def test_an_error_of_the_bench_table_is_its_effect(key: str, column: str, sign: 
 
     Of wheel loads in the carrier's axes, and in those of the body, in which pitch does not turn them.
 
-    Rows by rows, apart from the inertia of axles and wheels, which the effects neglect: the model has none.
+    Row by row, of a model without inertia of axles and wheels, which the effects neglect, apart from the next test.
     """
     signals, p = cars.random_signals(11), 0.02
     right, rig = VEHICLE_T, cars.in_reference(RIG, RIG.wheel_reference, {"wheels": axes})
@@ -86,9 +90,10 @@ def test_an_error_of_the_bench_table_is_its_effect(key: str, column: str, sign: 
             for name, c in right.corners.items()
         },
     )
+    values = np.array([p, 0.0]) if key == "pitch_change" else np.array([p])
     truth = residual(build_motion(cars.recording(signals, right, rig)), (), np.zeros(0))
     seen = residual(build_motion(cars.recording(signals, wrong, rig)), (), np.zeros(0))
-    effect = KNOWN[f"{key}.front"].force(build_motion(cars.recording(signals, wrong, rig)), np.array([p]))
+    effect = KNOWN[f"{key}.front"].force(build_motion(cars.recording(signals, wrong, rig)), values)
     for row in truth:
         gone = seen[row] - truth[row]
         expected = effect.get(row, np.zeros_like(gone))
@@ -97,6 +102,47 @@ def test_an_error_of_the_bench_table_is_its_effect(key: str, column: str, sign: 
         # Loads turn by the sine of the pitch, whose first order the effect has.
         tolerance = {"toe_change": 0.2, "pitch_change": 1e-3}.get(key, 1e-6)
         assert np.max(np.abs(gone - expected)) <= tolerance * size + 1e-9, row
+
+
+@pytest.mark.parametrize("tables", ["bump", "joints"])
+@pytest.mark.parametrize("driven", [False, True])
+def test_a_wheel_whose_carrier_pitches_turns_against_its_sensor(tables: str, driven: bool) -> None:
+    """Its inertia in every row, of a table whose pitch slope is p smaller: p J × the column, J at fixed 1.1 kg·m².
+
+    Of a driven wheel whose half-shaft's torque is eliminated no work of it on the travel remains.
+    """
+    signals, p, J = cars.random_signals(11), 1e-5, 1.1
+    right = cars.with_tables(VEHICLE) if tables == "bump" else cars.with_joints(VEHICLE)
+    if driven:
+        right = replace(right, corners={name: replace(c, driven=True) for name, c in right.corners.items()})
+        torques = [name for name in signals.value if "torque" in name]
+        signals = replace(signals, value={name: one for name, one in signals.value.items() if name not in torques})
+
+    def wrong(corner: Corner) -> Corner:
+        if corner.joints is None:
+            table = corner.table
+            return replace(corner, table=replace(table, pitch=table.pitch - p * table.travel))
+        own = corner.joints.own
+        off = np.outer(p * own.at, [0.0, 0.0, 0.0, 0.0, 1.0])
+        return replace(corner, joints=replace(corner.joints, own=JointCurve(own.at, own.values - off)))
+
+    off = {name: wrong(c) if name.startswith("f") else c for name, c in right.corners.items()}
+    wheels = [KNOWN[f"body.wheel.{c}"] for c in ("fl", "fr")]
+
+    def rows(vehicle: Vehicle) -> tuple[Motion, dict[str, np.ndarray]]:
+        motion = build_motion(replace(cars.recording(signals, vehicle, RIG), brakes="off"))
+        still = residual(motion, (), np.zeros(0))
+        moving = residual(motion, wheels, np.array([J, 0.0, 0.0, 0.0] * 2))
+        return motion, {row: moving[row] - still[row] for row in still}
+
+    (_, truth), (motion, seen) = rows(right), rows(replace(right, corners=off))
+    columns = PitchChange("front").columns(motion)
+    follows = {"suspension.fl", "chassis.mz", "chassis.my"} | (set() if driven else {"spin.fl", "spin.fr"})
+    assert follows <= {row for row in truth if np.max(np.abs(seen[row] - truth[row])) > 1e-3 * p * J}
+    for row in truth:
+        gone = seen[row] - truth[row]
+        expected = p * J * columns[row][1] if row in columns else np.zeros_like(gone)
+        assert np.max(np.abs(gone - expected)) <= 1e-3 * np.max(np.abs(gone)) + 1e-12, row
 
 
 def test_a_law_with_a_memory_does_not_mix_the_copies_of_a_sensitivity() -> None:

@@ -120,7 +120,7 @@ _DIMENSION: dict[str, Dimension] = {
     "travel": (0, 1, 0), "rate": (0, 1, -1), "accel": (0, 1, -2), "steer": (0, 0, 0), "camber": (0, 0, 0),
     "pitch": (0, 0, 0), "axes": (0, 0, 0), "centre": (0, 1, 0), "shift": (0, 1, 0), "dp_ds": (0, 0, 0),
     "dphi_ds": (0, -1, 0), "wheel_dphi_ds": (0, -1, 0), "torque_work": (1, 1, -2), "torque": (1, 2, -2),
-    "torque_on_carrier": (1, 2, -2),
+    "torque_on_carrier": (1, 2, -2), "wheel_on_carrier": (0, 0, 0),
     "force": (1, 1, -2), "moment": (1, 2, -2), "spin_axis": (0, 0, 0), "spin": (0, 0, -1), "spin_accel": (0, 0, -2),
     "normal": (0, 0, 0), "height": (0, 1, 0), "deflection": (0, 1, 0), "deflection_rate": (0, 1, -1),
     "centre_accel": (0, 1, -2), "omega": (0, 0, -1), "omega_dot": (0, 0, -2), "t": (0, 0, 1), "velocity": (0, 1, -1),

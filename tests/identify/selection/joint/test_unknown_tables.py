@@ -215,7 +215,10 @@ def test_a_sum_with_a_law_at_such_an_axle_is_open_and_others_keep_their_sizes() 
 
 
 def test_terms_are_the_change_of_the_motion_by_a_table() -> None:
-    """Columns of the curvature and of the other wheel's travel, against the rows of a car with such a table."""
+    """Columns of the curvature and of the other wheel's travel, against the rows of a car with such a table.
+
+    Of pitch also that of the wheel's inertia: what the change is more, of wheels of 1 kg·m² about their axes.
+    """
     signals = cars.exact_signals(cars.drive_curves(np.random.default_rng(3)), np.arange(50) / FILTERS.rate)
     rng = np.random.default_rng(4)
     for name, most in (("force", 3000.0), ("moment", 300.0)):
@@ -223,16 +226,16 @@ def test_terms_are_the_change_of_the_motion_by_a_table() -> None:
         signals = replace(signals, value={**signals.value, **loads})
     s = np.linspace(-0.2, 0.2, 81)
     eps, joint = 1e-4, list(JOINTS)
-    physics = exact_car.MODEL.physics
+    wheels = [exact_car.KNOWN[f"body.wheel.{c}"] for c in ("rl", "rr")]
 
-    def residual_of(values: np.ndarray, curve: str) -> dict[str, np.ndarray]:
+    def residual_of(values: np.ndarray, curve: str, spin: float) -> dict[str, np.ndarray]:
         zero = np.zeros((s.size, 5))
         curves = {"own": JointCurve(s, zero), "other": JointCurve(s, zero), curve: JointCurve(s, values)}
         tables = JointTables(curves["own"], curves["other"], None, {}, product=np.zeros(5))
         rear = {c: replace(PLAIN.corners[c], joints=tables, table=None, driven=False) for c in ("rl", "rr")}
         corners = {**PLAIN.corners, **rear}
         motion = build_motion(cars.recording(signals, replace(PLAIN, corners=corners), RIG, FILTERS))
-        return {str(row): a for row, a in residual(motion, physics, np.zeros(exact_car.theta().size)).items()}
+        return {str(row): a for row, a in residual(motion, wheels, np.array([spin, 0.0, 0.0, 0.0] * 2)).items()}
 
     motion = build_motion(cars.recording(signals, PLAIN, RIG, FILTERS))
     for term in table_terms("rear"):
@@ -241,12 +244,15 @@ def test_terms_are_the_change_of_the_motion_by_a_table() -> None:
         name = {"jacking": "half_track", "anti_dive": "half_wheelbase"}.get(term.slope.name, term.slope.name[:-7])
         what, curve = (0.5 * s**2, "own") if term.by is By.RISE else (s, "other")
         values = np.outer(what, np.eye(5)[joint.index(name)])
-        after, before = residual_of(eps * values, curve), residual_of(0.0 * values, curve)
+        changes: list[dict[str, np.ndarray]] = []
+        for spin in (0.0, 1.0)[: len(term.parameters)]:
+            after, before = residual_of(eps * values, curve, spin), residual_of(0.0 * values, curve, spin)
+            changes.append({row: (after[row] - before[row]) / eps for row in after})
         columns = term.columns(motion)
         assert {"suspension.rl", "suspension.rr"} <= set(columns)
-        for row, (column,) in columns.items():
-            change = (after[row] - before[row]) / eps
+        for row, table in columns.items():
+            change = np.stack([changes[0][row], *(one[row] - changes[0][row] for one in changes[1:])])
             assert np.max(np.abs(change)) > 0.01, f"{term.key} {row}"
             # Toe: the effect turns about z of the car, whatever the attitude of the wheel. Pitch: the sine of it.
             close = {"toe_change": 0.06, "pitch_change": 1e-4}.get(term.slope.name, 1e-6) * np.max(np.abs(change))
-            np.testing.assert_allclose(-column, change, atol=close, err_msg=f"{term.key} {row}")
+            np.testing.assert_allclose(-table, change, atol=close, err_msg=f"{term.key} {row}")
