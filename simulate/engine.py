@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.parts import from_part
+from lacet.simulate.air import Air
 from lacet.simulate.attached import attached_bodies
 from lacet.simulate.cars import Car
 from lacet.simulate.hidden import Hidden, one_of, suspension_law, total_at, total_of
@@ -144,11 +145,7 @@ class Engine:
         """Number of states besides MuJoCo's: 8 slips, then those of hidden effects."""
         self._bars = [total_at(hidden, "anti_roll_bar", c) for c in CORNERS]
         self._interconnection = total_of(hidden, "interconnection")
-        self._lift = [total_at(hidden, "aero_lift", c) for c in ("fl", "rl")]
-        drags = [h for h in hidden if h.effect == "aero_drag"]
-        self._drag = [(h.size, h.shape["height"] - car.origin_height) for h in drags]
-        self._side = [(h.size, h.shape["x"]) for h in hidden if h.effect == "aero_side"]
-        self._air = bool(drags) or bool(self._side) or any(self._lift)
+        self._air = Air(hidden, car.wheelbase, car.origin_height)
         self._tracks = (road.left.tolist(), road.right.tolist())
         self.now = Instant()
         self.now.slip_rates = [0.0] * states
@@ -286,8 +283,8 @@ class Engine:
             assert self.twist is not None
             hinge = mx - front_mx + self.twist.z * (fy - front_fy)
             out[torsion] = hinge + self.twist.torque(q[torsion + 1], v[torsion])
-        if self._air:
-            (ax, ay, az), (_, am, an) = self._wind(v_forward, v_left)
+        if self._air.acts:
+            now.air_force, now.air_moment = (ax, ay, az), (_, am, an) = self._air.load(v_forward, v_left)
             fx, fy, fz, my, mz = fx + ax, fy + ay, fz + az, my + am, mz + an
         out[0], out[1], out[2] = (
             r00 * fx + r01 * fy + r02 * fz,
@@ -332,18 +329,3 @@ class Engine:
         if i < 0 or i + 1 >= len(z):
             return 0.0
         return z[i] + (at - i) * (z[i + 1] - z[i])
-
-    def _wind(self, bx: float, by: float) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """Aerodynamic force and moment on the body, body axes about the origin."""
-        square, length = bx * bx, self.car.wheelbase
-        force = side = moment = yaw = 0.0
-        for size, height in self._drag:
-            force -= size * bx * abs(bx)
-            moment -= height * size * bx * abs(bx)
-        for size, x in self._side:
-            side -= size * bx * by
-            yaw -= x * size * bx * by
-        front, rear = self._lift[0] * square, self._lift[1] * square
-        moment += length * rear
-        self.now.air_force, self.now.air_moment = (force, side, front + rear), (0.0, moment, yaw)
-        return self.now.air_force, self.now.air_moment

@@ -37,6 +37,7 @@ from lacet.simulate import (
 from lacet.simulate.kinds import listed
 from lacet.simulate.known_cars import KNOWN_CARS, known_car
 from lacet.simulate.linkage import SecondCar
+from lacet.simulate.linkage.hidden_laws import POSSIBLE
 from lacet.simulate.measuring import drawn
 from lacet.simulate.vehicle_file import vehicle_text
 
@@ -66,7 +67,9 @@ several commands give each its own --seed, and all the same --sheet-seed.
 
 From a vehicle file come geometry and what its [apriori] table says (mass, spring.fl.k, …); the rest is usual for the
 size and is printed. Bench tables are not simulated: wheel centres move along body z. Those of the cars called second
-hang on linkages, and their vehicle file has the joint tables of a bench; these hide sensor faults only."""
+hang on linkages, and their vehicle file has the joint tables of a bench; these hide sensor faults and
+{", ".join(POSSIBLE)},
+suspension laws along springs and dampers."""
 
 HOUR_NS = 3_600_000_000_000
 RUN_STEP = 1000

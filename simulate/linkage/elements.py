@@ -7,12 +7,13 @@ Bushing, d the displacement of b's point in a's axes: force on b = -(preload + k
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.simulate.hidden import SuspensionLaw
 from lacet.simulate.linkage.parts import Damper, Linkage, Rod, Spring
 from lacet.simulate.linkage.state import Points, cross
 
@@ -23,10 +24,14 @@ class Elements:
     """The elements of a linkage in a MuJoCo model.
 
     `rigid` : rods and held directions of bushings are the business of `loops`, mounts do not give; `preload` : by
-    element name, the force in the design position [N], of bushings (3,) in the axes of their part a.
+    element name, the force in the design position [N], of bushings (3,) in the axes of their part a; `laws` : further
+    forces along springs and dampers, by their names, of their compression from the design position and its rate.
     """
 
-    def __init__(self, lib: Any, model: Any, data: Any, linkage: Linkage, rigid: bool, preload: Mapping[str, Array]):
+    def __init__(
+        self, lib: Any, model: Any, data: Any, linkage: Linkage, rigid: bool, preload: Mapping[str, Array],
+        laws: Mapping[str, Sequence[SuspensionLaw]] | None = None,
+    ):  # fmt: skip
         self.model, self.data, self.rigid = model, data, rigid
 
         def site(name: str) -> int:
@@ -46,6 +51,11 @@ class Elements:
         self._c = np.array([line.damping if isinstance(line, Rod) else 0.0 for line in lines])
         self._length = np.array([np.linalg.norm(np.subtract(line.b.at, line.a.at)) for line in lines])
         self._preload = np.array([float(preload.get(line.name, 0.0)) for line in lines])
+        self._laws = [
+            (self.names.index(line.name), float(np.linalg.norm(np.subtract(line.b.at, line.a.at))), law)
+            for line in (*linkage.springs, *linkage.dampers)
+            for law in (laws or {}).get(line.name, ())
+        ]
         self._damping = np.array([damper.damping for damper in linkage.dampers])
         self._mount = np.array([damper.mount_stiffness for damper in linkage.dampers])
         self._mount_damping = np.array([damper.mount_damping for damper in linkage.dampers])
@@ -115,6 +125,8 @@ class Elements:
         else:
             rates = (self._damping * rate[m:] - self._mount * states) / (self._damping + self._mount_damping)
             push[m:] = -self._damping * (rate[m:] - rates)
+        for at, design, law in self._laws:
+            push[at] += law(design - float(length[at]), -float(rate[at]))
         on_b = push[:, None] * u
         points = data.site_xpos
         R, d, dd, at = self.displacements()

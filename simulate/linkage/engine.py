@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.channels import CORNERS
-from lacet.daq.errors import UsageError
+from lacet.simulate.air import Air
 from lacet.simulate.engine import STEER_FREQUENCY, Instant
-from lacet.simulate.hidden import Hidden
+from lacet.simulate.hidden import Hidden, total_at
 from lacet.simulate.linkage.cars import SecondCar
 from lacet.simulate.linkage.front import RACK_ARMATURE
+from lacet.simulate.linkage.hidden_laws import OF_TYRES, laws_of
 from lacet.simulate.linkage.mechanism import Mechanism
 from lacet.simulate.linkage.state import cross
 from lacet.simulate.linkage.statics import rack_per_steer
@@ -35,23 +36,20 @@ Array = NDArray[np.float64]
 class LinkageEngine:
     """MuJoCo engine of a second car on a road, with the interface of `simulate.engine.Engine`.
 
-    Raises UsageError for hidden effects that are no sensor faults: what this car has, it has by its parts.
+    Raises UsageError for hidden effects that it cannot have (`hidden_laws`).
     """
 
     def __init__(self, car: SecondCar, road: Road, hidden: Sequence[Hidden] = ()):
-        for effect in hidden:
-            if not effect.of_sensor:
-                raise UsageError(
-                    f"{effect.name}: the car '{car.name}' can hide sensor faults only; other effects are for the cars "
-                    "whose wheel centres move along body z"
-                )
         self.car, self.road = car, road
-        self.mechanism = Mechanism(car)
+        self.mechanism = Mechanism(car, laws_of(hidden, car.name))
+        self._air = Air(hidden, car.wheelbase, car.origin_height)
         self.lib, self.model, self.data = self.mechanism.lib, self.mechanism.model, self.mechanism.data
         self.spin_dof, self.spin_q = self.mechanism.spin_dof, self.mechanism.spin_q
         self.states = 8 + self.mechanism.elements.states
         """Number of states besides MuJoCo's: 8 slips, then the stretch of the dampers' mounts."""
-        self._tyres = [WheelTyre(car.axle(c), car.tyre, 0.0, 0.0, 0.0, 0.0) for c in CORNERS]
+        self._tyres = [
+            WheelTyre(car.axle(c), car.tyre, *(total_at(hidden, name, c) for name in OF_TYRES)) for c in CORNERS
+        ]
         self._tracks = (road.left.tolist(), road.right.tolist())
         self._ratio = rack_per_steer(self.mechanism)
         self._tops = self.mechanism.design_attitudes[:, :, 1]
@@ -102,6 +100,10 @@ class LinkageEngine:
         data.xfrc_applied[at, 3:] += moment + cross(centres - data.xipos[at], force) + (torque - held)[:, None] * axes
         np.add.at(data.xfrc_applied[:, 3:], mechanism.carriers, held[:, None] * axes)
         data.xfrc_applied[mechanism.shaft_body, 3:] -= torque @ axes
+        if self._air.acts:
+            speed = R.T @ np.array(v[:3])
+            now.air_force, now.air_moment = self._air.load(float(speed[0]), float(speed[1]))
+            mechanism.on_part(mechanism.chassis_body, R @ now.air_force, R @ now.air_moment, origin)
         rack = mechanism.rack_dof
         demand = steer * self._ratio - q[mechanism.rack_q]
         data.qfrc_applied[rack] += RACK_ARMATURE * STEER_FREQUENCY * (STEER_FREQUENCY * demand - 2.0 * v[rack])

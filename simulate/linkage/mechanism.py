@@ -6,11 +6,14 @@ road, and on rubber every rod and bushing is preloaded by the force that the rig
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.channels import CORNERS
 from lacet.simulate.engine import engine_library
+from lacet.simulate.hidden import SuspensionLaw
 from lacet.simulate.linkage.cars import SecondCar
 from lacet.simulate.linkage.elements import Elements
 from lacet.simulate.linkage.loops import Loops
@@ -23,10 +26,11 @@ Array = NDArray[np.float64]
 class Mechanism:
     """MuJoCo model and data of a second car, with its elements and loops.
 
-    The chassis has the first six velocities; `rack_dof`, `spin_dof` (4,) are others'; `wheels`, `carriers` (4,) bodies.
+    `laws` : hidden ones along springs and dampers, by their names; at the design position they have no force. The
+    chassis has the first six velocities; `rack_dof`, `spin_dof` (4,) are others'; `wheels`, `carriers` (4,) bodies.
     """
 
-    def __init__(self, car: SecondCar):
+    def __init__(self, car: SecondCar, laws: Mapping[str, Sequence[SuspensionLaw]] | None = None):
         lib = self.lib = engine_library()
         self.car = car
         linkage = car.linkage
@@ -58,7 +62,7 @@ class Mechanism:
         self.carrier_points = Points(model, self.data, self.carriers)
         self.loops = Loops(lib, model, self.data, linkage, car.rigid)
         self.preload = self._preload()
-        self.elements = Elements(lib, model, self.data, linkage, car.rigid, self.preload)
+        self.elements = Elements(lib, model, self.data, linkage, car.rigid, self.preload, laws)
 
     def _preload(self) -> dict[str, Array]:
         """Forces [N] of springs, rods and bushings in the design position, by name."""
