@@ -19,7 +19,7 @@ endif
 # would spend seconds on compiling NumPy, SciPy and lacet anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help demo test lint format lock schema test-slow fuzz test-vcan benchmark first-work captures seeds coverage fewer no-loads blind fresh second-car second-car-seeds laws campaign catalogue pictures reference docs notebook clean moved
+.PHONY: help demo test lint format lock schema test-slow fuzz test-vcan benchmark first-work captures seeds coverage fewer no-loads blind fresh second-blind second-car second-car-seeds laws campaign catalogue pictures reference docs notebook clean moved
 
 help:
 	@echo 'make demo          the whole chain on committed captures, in a minute or two, once the packages are loaded'
@@ -39,6 +39,7 @@ help:
 	@echo 'make blind         docs/benchmarks/blind.md anew: effects hidden and found, or not (hours; goes on where it was cut off)   (PROCESSES=4: four at a time, 3 GB each)'
 	@echo 'make fresh         docs/benchmarks/fresh.md anew: fresh cars with up to eight effects at once (a day; goes on where it was cut off)   (ARGS="--set test")'
 	@echo 'make second-car-seeds  docs/benchmarks/second-car-seeds.md anew: the paper on the car on linkages, 20 seeds (hours; goes on where it was cut off)'
+	@echo 'make second-blind  docs/benchmarks/second-blind.md anew: effects hidden in the car on linkages (TRIALS, PROCESSES; five minutes a trial; goes on where it was cut off)'
 	@echo 'make second-car    the tables of docs/benchmarks/second-car.md anew: fits of the car on linkages (half an hour; ARGS="--only terms")'
 	@echo 'make laws          docs/benchmarks/laws.md anew: laws nobody listed, hidden and found (half an hour)   (ARGS="--set test")'
 	@echo 'make campaign      docs/benchmarks/campaign.md anew: 1, 10, 100 and 1,000 runs on two workers (half an hour)'
@@ -114,6 +115,9 @@ blind: .venv/.dev
 
 fresh: .venv/.dev
 	@$(PY) -m benchmarks.fresh --trials $(or $(TRIALS),540) --processes $(or $(PROCESSES),2) $(ARGS)
+
+second-blind: .venv/.dev
+	@$(PY) -m benchmarks.fresh --car second --set test --trials $(or $(TRIALS),9) --processes $(or $(PROCESSES),1) $(ARGS)
 
 second-car: .venv/.dev
 	@$(PY) -P benchmarks/second_car.py --folder .second-car $(ARGS)

@@ -180,18 +180,20 @@ def fault_of(rng: np.random.Generator, tolerance: Mapping[str, float]) -> Part:
     return Part(law, Hidden(name, float(f"{size:.6g}")), size, 0.0, tolerance[name] if drawn else 0.0)
 
 
-def drawn_parts(kind: str, rng: np.random.Generator, tolerance: Mapping[str, float]) -> list[Part]:
-    """What a trial of a class hides, not sized yet."""
+def drawn_parts(
+    kind: str, rng: np.random.Generator, tolerance: Mapping[str, float], laws: Sequence[Law] = LAWS
+) -> list[Part]:
+    """What a trial of a class hides of some laws, not sized yet."""
     low, high = COUNTS[kind]
     count = int(rng.integers(low, high + 1))
-    groups = [*dict.fromkeys(law.group for law in LAWS), "instrument"]
+    groups = [*dict.fromkeys(law.group for law in laws), "instrument"]
     chosen = [groups[int(i)] for i in rng.permutation(len(groups))[:count]]
     out: list[Part] = []
     for group in chosen:
         if group == "instrument":
             out.append(fault_of(rng, tolerance))
         else:
-            out += parts_of(_one_of([law for law in LAWS if law.group == group], rng), rng)
+            out += parts_of(_one_of([law for law in laws if law.group == group], rng), rng)
     if "unlisted" in kind:
         out += parts_of(_one_of(UNLISTED, rng), rng)
     return out

@@ -16,11 +16,12 @@ from benchmarks.blind.making import cropped
 from benchmarks.fresh.cars import fresh_car, fresh_rig
 from benchmarks.fresh.drives import drawn_drives
 from benchmarks.fresh.laws import CLASSES, FAULTS, Part, drawn_parts
-from benchmarks.fresh.sizing import measurable, roots
+from benchmarks.fresh.sizing import Suspension, measurable, roots
 from lacet.daq.formats.exchange import write_table
 from lacet.daq.rig import Rig
-from lacet.simulate import Car, Hidden, Manoeuvre, Sheet, SimulatedMotion, SimulationFailed, exchange_run
+from lacet.simulate import Car, CarMotion, Hidden, Manoeuvre, Sheet, SimulationFailed, exchange_run
 from lacet.simulate import run as simulate_drive
+from lacet.simulate.linkage import SecondCar
 from lacet.simulate.vehicle_file import vehicle_text
 
 SETS = ("development", "test")
@@ -59,7 +60,7 @@ class Trial:
     name: str
     number: int
     attempt: int
-    car: Car
+    car: Car | SecondCar
     rig: Rig
     used: Mapping[str, Manoeuvre]
     held: Mapping[str, Manoeuvre]
@@ -67,7 +68,7 @@ class Trial:
     parts: tuple[Part, ...]
     roots: tuple[float, ...]
     usual: bool
-    motions: Mapping[str, SimulatedMotion]
+    motions: Mapping[str, CarMotion]
 
     @property
     def kind(self) -> str:
@@ -99,18 +100,25 @@ class Trial:
         }
 
 
-class _Unsized(Exception):
+class Unsized(Exception):
     """What was drawn cannot be made testable on these runs."""
 
 
-class _Drive:
+class Drive:
     """A car's runs used, simulated with whatever is hidden."""
+
+    car: Car | SecondCar
+    suspensions: Mapping[str, Suspension] | None = None
+    """Of a car on linkages."""
 
     def __init__(self, name: str, number: int, attempt: int):
         rng = stream(name, number, "car", attempt)
-        self.car = fresh_car(rng, "fresh")
-        self.rig = fresh_rig(rng, "fresh")
-        self.used, self.held = drawn_drives(self.car, rng)
+        self._draw(fresh_car(rng, "fresh"), rng)
+
+    def _draw(self, car: Car | SecondCar, rng: np.random.Generator) -> None:
+        """Rig, runs and roads of a car."""
+        self.car, self.rig = car, fresh_rig(rng, "fresh")
+        self.used, self.held = drawn_drives(car.sizes if isinstance(car, SecondCar) else car, rng)
         self.measured: tuple[Hidden, ...] = ()
         if rng.random() < 0.5:
             self.measured = tuple(
@@ -120,7 +128,7 @@ class _Drive:
             )
         self._roads = [int(seed) for seed in rng.integers(1, 2**31, len(self.used) + len(self.held))]
 
-    def motions(self, runs: Mapping[str, Manoeuvre], parts: Sequence[Part]) -> dict[str, SimulatedMotion]:
+    def motions(self, runs: Mapping[str, Manoeuvre], parts: Sequence[Part]) -> dict[str, CarMotion]:
         hidden = [*self.measured, *(part.hidden for part in parts if not part.hidden.of_sensor)]
         names = [*self.used, *self.held]
         return {run: simulate_drive(self.car, runs[run], hidden, self._roads[names.index(run)]) for run in runs}
@@ -131,40 +139,40 @@ class _Drive:
         return {name: self.rig.tolerance(channel, entry) for name, channel, entry, _ in FAULTS}
 
     @cached_property
-    def bare(self) -> list[SimulatedMotion]:
+    def bare(self) -> list[CarMotion]:
         """The runs used with nothing hidden."""
         return list(self.motions(self.used, ()).values())
 
 
-def _sized(drive: _Drive, parts: Sequence[Part], usual: bool) -> tuple[list[Part], list[float], dict[str, Any]]:
+def sized(drive: Drive, parts: Sequence[Part], usual: bool) -> tuple[list[Part], list[float], dict[str, Any]]:
     """Parts of a size that makes each testable beside the others, their √λ, and the motions with them hidden.
 
-    Raises _Unsized where a part would be larger than is plausible, or the sizes do not settle.
+    Raises Unsized where a part would be larger than is plausible, or the sizes do not settle.
     """
     mechanical = [i for i, part in enumerate(parts) if measurable(part)]
     now = [part if i in mechanical else part.of_size(part.usual) for i, part in enumerate(parts)]
-    first = roots(now, drive.bare, drive.rig) if mechanical else []  # of size 1
+    first = roots(now, drive.bare, drive.rig, drive.suspensions) if mechanical else []  # of size 1
     for i in mechanical:
         part, root = parts[i], first[i]
         if not root > 0.0:
-            raise _Unsized
+            raise Unsized
         wanted = part.usual if usual and abs(part.usual) * root >= TESTABLE else part.hidden.size * part.goal / root
         now[i] = _plausible(part, wanted)
     for _ in range(TURNS):
         motions = drive.motions(drive.used, now)
-        found = roots(now, list(motions.values()), drive.rig)
+        found = roots(now, list(motions.values()), drive.rig, drive.suspensions)
         low = [i for i in mechanical if found[i] < TESTABLE]
         high = [i for i in mechanical if found[i] > MOST and not usual]
         if not low and not high:
             return now, found, motions
         for i in [*low, *high]:
             now[i] = _plausible(parts[i], now[i].hidden.size * parts[i].goal / max(found[i], 1e-3))
-    raise _Unsized
+    raise Unsized
 
 
 def _plausible(part: Part, size: float) -> Part:
     if not abs(size) <= abs(part.law.largest):
-        raise _Unsized
+        raise Unsized
     return part.of_size(size)
 
 
@@ -176,15 +184,15 @@ def make(name: str, number: int) -> Trial:
     possible.
     """
     for attempt in range(ATTEMPTS):
-        drive = _Drive(name, number, attempt)
+        drive = Drive(name, number, attempt)
         for draw in range(DRAWS):
             rng = stream(name, number, "effects", attempt, draw)
             usual = bool(rng.random() < 0.5)
             parts = drawn_parts(class_of(number), rng, drive.tolerance)
             try:
-                now, found, motions = _sized(drive, parts, usual)
+                now, found, motions = sized(drive, parts, usual)
                 held = drive.motions(drive.held, now)
-            except (_Unsized, SimulationFailed):
+            except (Unsized, SimulationFailed):
                 continue
             return Trial(
                 name, number, attempt, drive.car, drive.rig, drive.used, drive.held, drive.measured, tuple(now),

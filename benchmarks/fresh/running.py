@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from benchmarks.blind.__main__ import append
+from benchmarks.fresh import second
 from benchmarks.fresh.identifying import Failed, diagnosed, held_of
 from benchmarks.fresh.making import make, write
 from benchmarks.fresh.scoring import true_model
@@ -20,9 +21,9 @@ from lacet.services.one_thread import one_thread
 HERE = Path(__file__).parent
 
 
-def results_file(name: str) -> Path:
-    """Where the trials of a set are kept, with the sources."""
-    return HERE / f"{name}.jsonl"
+def results_file(name: str, car: str = "fresh") -> Path:
+    """Where the trials of a set on cars drawn anew (`car` fresh) or on the second car are kept, with the sources."""
+    return HERE / (f"{name}.jsonl" if car == "fresh" else f"{car}-{name}.jsonl")
 
 
 def read(file: Path, code: str | None = None) -> dict[int, dict[str, Any]]:
@@ -44,24 +45,26 @@ def to_run(name: str, numbers: Iterable[int], file: Path, code: str) -> list[int
     return [number for number in numbers if number not in done]
 
 
-def run_trial(name: str, number: int, file: Path, code: str) -> str:
+def run_trial(name: str, number: int, file: Path, code: str, car: str = "fresh") -> str:
     """Run a trial and keep its record. Returns a line about it.
 
     What sees the tables is another program, which is given their folder; what is hidden is in no file until it ended.
     """
     begin = time.process_time()
     with one_thread():
-        trial = make(name, number)
+        trial = second.make(name, number) if car == second.CAR else make(name, number)
     truth = trial.truth()
     record: dict[str, Any] = {key: truth[key] for key in ("set", "trial", "class", "sizes", "measured", "parts")}
     record |= {"code": code, "runs": {use: list(runs) for use, runs in (("used", trial.used), ("held", trial.held))}}
+    if car == second.CAR:
+        record["mechanism"] = list(second.MECHANISM)
     with TemporaryDirectory(prefix="fresh-") as place:
         folder = write(trial, Path(place) / "campaign")
         del trial  # 100 MB
         try:
             verdict = diagnosed(folder, Path(place) / "study")
             record["verdict"] = asdict(verdict)
-            model = true_model(truth["parts"])
+            model = None if car == second.CAR else true_model(truth["parts"])  # of the mechanism no constants are known
             record["true_held"] = None if model is None else held_of(folder, Path(place) / "true", model)
         except (Failed, LacetError) as cause:
             record["failed"] = str(cause)

@@ -98,8 +98,23 @@ def scored(record: Record) -> Score:
     """The score of a trial's record, listed parts alone."""
     verdict = record["verdict"]
     result = score(listed(record), verdict["effects"], verdict["ties"])
-    wrong = (key for key in result.wrong if not any(other in result.by for other in _summed_with(key, verdict)))
+    wrong = (
+        key
+        for key in result.wrong
+        if not any(other in result.by for other in _summed_with(key, verdict)) and not of_mechanism(key, record)
+    )
     return replace(result, wrong=tuple(wrong))
+
+
+def of_mechanism(key: str, record: Record) -> bool:
+    """Whether a key of the final set, or one tied with it, is what a car on linkages has besides what is hidden."""
+    own = record.get("mechanism", ())
+    said = (key, *record["verdict"]["ties"].get(key, ()))
+    return any(
+        one.partition(".")[0] == there.partition(".")[0] and wheels(one) <= wheels(there)
+        for one in said
+        for there in own
+    )
 
 
 def _summed_with(key: str, verdict: Mapping[str, Any]) -> list[str]:
@@ -123,7 +138,7 @@ def finished(record: Record) -> bool:
 
 def alarm(record: Record) -> bool:
     """With nothing hidden: anything named, or a cause declared that is not listed."""
-    return bool(record["verdict"]["effects"]) or record["verdict"]["unlisted"]
+    return bool(scored(record).wrong) or record["verdict"]["unlisted"]
 
 
 def declared(record: Record) -> bool:

@@ -10,7 +10,7 @@ tables and without any in the parameters' columns. Of all of it, what is below `
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,8 +20,9 @@ from scipy.signal import butter, sosfiltfilt
 from benchmarks.fresh.laws import Part
 from lacet.daq.channels import CORNERS
 from lacet.daq.rig import Rig
-from lacet.simulate import Hidden, SimulatedMotion
+from lacet.simulate import Car, CarMotion, Hidden, SimulatedMotion
 from lacet.simulate.hidden import suspension_law
+from lacet.simulate.linkage.hidden_laws import ALONG_SPRINGS
 from lacet.simulate.motion import rotate_back
 
 Array = NDArray[np.float64]
@@ -51,13 +52,45 @@ class _Row:
     zero: float
 
 
-def _rows(motion: SimulatedMotion, rig: Rig) -> dict[str, _Row]:
+@dataclass(frozen=True)
+class Suspension:
+    """What the suspension equation of a corner is made of, for sizing.
+
+    Attributes
+    ----------
+    stiffness, damping : of the wheel [N/m, N·s/m], which carry the travel's noise into the equation.
+    spring, damper : compression of each per travel of the wheel, by which hidden laws along it act.
+    others : what the equation has besides spring and damper: of travels and rates (n, 4) at a corner's place, (n, k).
+    """
+
+    stiffness: float
+    damping: float
+    spring: float = 1.0
+    damper: float = 1.0
+    others: Callable[[Array, Array, int], Array] = lambda s, rate, i: np.zeros((len(s), 0))
+
+
+def suspensions(car: Car) -> dict[str, Suspension]:
+    """Of a car whose wheels move straight up and down."""
+    return {c: Suspension(car.axle(c).stiffness, car.axle(c).damping) for c in CORNERS}
+
+
+def travels(motion: CarMotion) -> tuple[Array, Array]:
+    """Travels and their rates (n, 4) at the instants of a table."""
+    if isinstance(motion, SimulatedMotion):
+        return motion.travel[::EVERY, 0], motion.travel[::EVERY, 1]
+    travel = np.asarray(motion.travel)
+    return travel[::EVERY], (np.gradient(travel, axis=0) * motion.rate)[::EVERY]
+
+
+def _rows(motion: CarMotion, rig: Rig, at: Mapping[str, Suspension]) -> dict[str, _Row]:
     car, wheels = motion.car, np.array([rig.noise(f"wheel.{c}.force") for c in CORNERS])
-    travel, out = motion.travel[::EVERY], dict[str, _Row]()
+    (travel, rates), out = travels(motion), dict[str, _Row]()
     for i, corner in enumerate(CORNERS):
         axle, hub, ground = car.axle(corner), rig.noise(f"laser.{corner}.hub"), rig.noise(f"laser.{corner}.ground")
-        spring = math.hypot(axle.stiffness * hub, axle.damping * BAND * hub)
-        columns = np.stack([travel[:, 0, i], travel[:, 1, i]], axis=1)
+        own = at[corner]
+        spring = math.hypot(own.stiffness * hub, own.damping * BAND * hub)
+        columns = np.column_stack([travel[:, i], rates[:, i], own.others(travel, rates, i)])
         out[f"suspension.{corner}"] = _Row(math.hypot(wheels[i], spring), columns, np.inf)
         # The deflection is the difference of two distances; a beam's gain is of all its length.
         beam = math.hypot(
@@ -73,7 +106,7 @@ def _rows(motion: SimulatedMotion, rig: Rig) -> dict[str, _Row]:
     return out | _chassis_rows(motion, rig, float(np.sqrt(np.sum(wheels**2))))
 
 
-def _chassis_rows(motion: SimulatedMotion, rig: Rig, force: float) -> dict[str, _Row]:
+def _chassis_rows(motion: CarMotion, rig: Rig, force: float) -> dict[str, _Row]:
     car = motion.car
     mass, lever = car.total.mass, abs(car.total.com[0])
     body = (rotate_back(motion.attitude, motion.acceleration) - motion.gravity)[::EVERY]
@@ -91,45 +124,52 @@ def _chassis_rows(motion: SimulatedMotion, rig: Rig, force: float) -> dict[str, 
     }  # fmt: skip
 
 
-def force_of(hidden: Hidden, motion: SimulatedMotion) -> dict[str, Array]:
+def force_of(hidden: Hidden, motion: CarMotion, at: Mapping[str, Suspension]) -> dict[str, Array]:
     """Equation → what an effect of this size adds to it along a motion."""
     out: dict[str, Array] = {}
     speed = rotate_back(motion.attitude, motion.velocity)[::EVERY, 0]
     square = hidden.size * speed * np.abs(speed)
-    travel = motion.travel[::EVERY]
+    travel, rates = travels(motion)
     if hidden.effect == "aero_drag":
         return {"fx": -square, "my": -(hidden.shape["height"] - motion.car.origin_height) * square}
     if hidden.effect == "aero_lift":
         return {"fz": square} if hidden.where == "front" else {"fz": square, "my": motion.car.wheelbase * square}
     law = suspension_law(hidden)
     for i, corner in enumerate(CORNERS):
-        s, rate, delta = travel[:, 0, i], travel[:, 1, i], motion.deflection[:, i]
+        s, rate, delta = travel[:, i], rates[:, i], motion.deflection[:, i]
+        ratio = at[corner].spring if hidden.effect in ALONG_SPRINGS else at[corner].damper
         if hidden.effect == "interconnection":
-            out[f"suspension.{corner}"] = hidden.size * (s - travel[:, 0, (i + 2) % 4])
+            out[f"suspension.{corner}"] = hidden.size * (s - travel[:, (i + 2) % 4])
         elif not hidden.at(corner):
             continue
         elif hidden.effect == "anti_roll_bar":
-            out[f"suspension.{corner}"] = hidden.size * (s - travel[:, 0, i ^ 1])
+            out[f"suspension.{corner}"] = hidden.size * (s - travel[:, i ^ 1])
         elif hidden.effect == "tyre_progression":
             out[f"tyre.{corner}"] = hidden.size * delta[::EVERY] ** 2
         elif hidden.effect == "tyre_damping":
             out[f"tyre.{corner}"] = hidden.size * (np.gradient(delta) * motion.rate)[::EVERY]
         elif law is not None:
-            pairs = zip(s.tolist(), rate.tolist(), strict=True)
-            out[f"suspension.{corner}"] = np.array([law(a, b) for a, b in pairs])
+            pairs = zip((ratio * s).tolist(), (ratio * rate).tolist(), strict=True)
+            out[f"suspension.{corner}"] = ratio * np.array([law(a, b) for a, b in pairs])
     if not out:
         raise ValueError(f"{hidden.name} is no force on an equation known here")
     return out
 
 
-def roots(parts: Sequence[Part], motions: Sequence[SimulatedMotion], rig: Rig) -> list[float]:
-    """√λ of each part, beside all others; NaN for those not `measurable`."""
+def roots(
+    parts: Sequence[Part], motions: Sequence[CarMotion], rig: Rig, at: Mapping[str, Suspension] | None = None
+) -> list[float]:
+    """√λ of each part, beside all others; NaN for those not `measurable`. `at` : suspensions of a car on linkages."""
     tried = [i for i, part in enumerate(parts) if measurable(part)]
     out = [math.nan] * len(parts)
     if not tried:
         return out
-    rows = [_rows(motion, rig) for motion in motions]
-    forces = [[force_of(parts[i].hidden, motion) for i in tried] for motion in motions]
+    if at is None:
+        car = motions[0].car
+        assert isinstance(car, Car)
+        at = suspensions(car)
+    rows = [_rows(motion, rig, at) for motion in motions]
+    forces = [[force_of(parts[i].hidden, motion, at) for i in tried] for motion in motions]
     left = [_left(name, rows, forces) for name in rows[0]]
     stacked = np.concatenate(left)
     lengths = np.maximum(np.linalg.norm(stacked, axis=0), 1e-12)
