@@ -15,6 +15,8 @@ from __future__ import annotations
 import argparse
 import functools
 import operator
+import re
+import shutil
 import time
 import warnings
 from collections.abc import Mapping, Sequence
@@ -56,6 +58,17 @@ DIAGNOSED = ("sinus", "rough", "spiral")
 """Manoeuvres of 20 s that a diagnosis is made of."""
 LAWS = (*(key for step in ADDED.values() for key in step), "damper_mount.front", "damper_mount.rear")
 """Effects that the mechanism has and the base model lacks."""
+
+
+TIMES = 1.2
+"""Factor of a joint's tables of an axle that are made wrong in proportion."""
+MADE_WRONG = (
+    "right",
+    *(f"{axle}.{joint}" for axle in AXLES for joint in ("half_track", "half_wheelbase", "toe", "camber", "pitch")),
+    "no-compliance", "none",
+)  # fmt: skip
+"""Tables that a diagnosis is given."""
+_NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")
 
 
 def drive(car: str, folder: Path, *more: str) -> None:
@@ -135,14 +148,59 @@ def noise_free(car: str, folder: Path) -> None:
         print(", ".join(f"{k} {v:.5g}" for k, v in zip(names, values, strict=True) if k.startswith(wanted)))
 
 
-def unknown_tables(car: str, folder: Path, seed: int) -> None:
-    """Without tables: the laws by what the model has of the tables, and what is missing beside all terms of them."""
+def diagnosed_runs(car: str, folder: Path, seed: int) -> Path:
+    """Folder of the runs that a diagnosis is made of, simulated if they are not there."""
     own = folder / f"diagnosed-{seed}"
     if not (own / f"{DIAGNOSED[-1]}.parquet").exists():
         words = ["simulate", "--rig", RIG, "--car", car, "--seed", str(seed), "--format", "parquet", "-o", str(own)]
         words += ["--set", "duration=20", *(word for name in DIAGNOSED for word in ("--manoeuvre", name))]
         if command(words):
             raise SystemExit(f"{car}: not simulated")
+    return own
+
+
+def wrong_tables(text: str, made: str) -> str:
+    """The vehicle file of a car with its tables made wrong, as one of `MADE_WRONG` says."""
+    if made == "right":
+        return text
+    if made == "none":
+        return with_tables(text, "none")
+    if made == "no-compliance":
+        return _without(text, ".compliance.")
+    axle, _, joint = made.partition(".")
+    sections = [f"[corner.{axle[0]}{side}.joints.{part}]" for side in "lr" for part in ("own", "other", "product")]
+    out, section = [], ""
+    for line in text.splitlines():
+        section = line if line.startswith("[") else section
+        if section in sections and line.startswith(f"{joint} ="):
+            values, unit = line.split(", unit", 1)
+            head, numbers = values.split("value = ", 1)
+            line = f"{head}value = {_NUMBER.sub(lambda one: repr(TIMES * float(one[0])), numbers)}, unit{unit}"
+        out.append(line)
+    return "\n".join(out) + "\n"
+
+
+def diagnosis(car: str, folder: Path, seed: int, made: Sequence[str]) -> None:
+    """Diagnose the runs with the tables of the vehicle file made wrong, each in a study of its own, and print."""
+    own = diagnosed_runs(car, folder, seed)
+    text = (own / f"{car}.toml").read_text(encoding="utf-8")
+    runs = [str(own / f"{name}.parquet") for name in DIAGNOSED]
+    for one in made:
+        vehicle, study = own / f"tables-{one}.toml", own / f"study-{one}"
+        vehicle.write_text(wrong_tables(text, one), encoding="utf-8")
+        print(f"\n{car}, tables: {one}", flush=True)
+        began = time.process_time()
+        shutil.rmtree(study, ignore_errors=True)
+        new = ["study", "new", str(study), "--use", *runs, "--rig", RIG, "--vehicle", str(vehicle)]
+        for words in (new, ["diagnose", str(study), "--auto"]):
+            if command(words) not in (0, 3):  # 3: with warnings about the runs
+                raise SystemExit(f"{car}, tables {one}: lacet {words[0]} failed")
+        print(f"{time.process_time() - began:.0f} s of processor time")
+
+
+def unknown_tables(car: str, folder: Path, seed: int) -> None:
+    """Without tables: the laws by what the model has of the tables, and what is missing beside all terms of them."""
+    own = diagnosed_runs(car, folder, seed)
     vehicle = own / "tables-none.toml"
     vehicle.write_text(with_tables((own / f"{car}.toml").read_text(encoding="utf-8"), "none"), encoding="utf-8")
     runs = lacet.load_runs(*(own / f"{name}.parquet" for name in DIAGNOSED), rig=RIG, vehicle=vehicle)
@@ -245,8 +303,9 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, required=True, help="for the runs")
     parser.add_argument("--car", action="append", choices=CARS, help="default: all")
     parser.add_argument("--table", action="append", choices=TABLES, help="bench tables of the fits; default: each")
-    parser.add_argument("--only", choices=("fits", "terms", "noise-free", "no-tables"), help="one part")
-    parser.add_argument("--seed", type=int, default=1, help="of the runs of no-tables")
+    parser.add_argument("--only", choices=("fits", "terms", "noise-free", "no-tables", "diagnosis"), help="one part")
+    parser.add_argument("--made", action="append", choices=MADE_WRONG, help="tables of a diagnosis; default: each")
+    parser.add_argument("--seed", type=int, default=1, help="of the runs of no-tables and diagnosis")
     args = parser.parse_args()
     for car in args.car or CARS:
         if args.only in (None, "fits"):
@@ -257,6 +316,8 @@ def main() -> None:
             noise_free(car, args.folder / car)
         if args.only == "no-tables" or (args.only is None and car == CARS[0]):
             unknown_tables(car, args.folder / car, args.seed)
+        if args.only == "diagnosis":
+            diagnosis(car, args.folder / car, args.seed, args.made or MADE_WRONG)
         if args.only in (None, "terms"):
             for name, settings in (("sinus", {"amplitude": 0.03}), ("rough", {})):
                 motion = run(SecondCar.named(car), make_manoeuvre(name, duration=4.0, **settings), seed=5, settle=1.0)
