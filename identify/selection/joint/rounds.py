@@ -69,6 +69,7 @@ def with_a_fault(joint: Joint, seed: int, progress: Progress = silent) -> Iterat
 
 def continued(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
     """The same with what is found beside the effects found before."""
+    joint = replace(joint, refused=frozenset())
     for _ in range(SELECTION.most_refits):
         found = search(joint.space, joint.beside, joint.laws, progress).effects  # free the memory of its tests
         if not found:
@@ -97,16 +98,22 @@ def improved(joint: Joint, seed: int, progress: Progress = silent) -> Joint | No
     """The effects found, one step better fitted; None where they are at their best.
 
     The runs are linearised at the latencies beside them; the shape constants of the laws are searched again together; a
-    law is exchanged.
+    law is exchanged. A set of effects that did not stand in place of those found is not fitted again.
     """
     if joint.space.linearisation.latencies:
         closer = relinearised(joint, seed, progress)
         if closer is not joint:
             return closer
+    without: Joint | None = None
     for other in with_other_constants(joint, seed, progress):
-        new = _refitted(joint, other, seed, progress)
+        wanted = frozenset(law.key for law in other.laws) | {fault.key for fault in joint.faults}
+        if wanted in joint.refused:
+            continue
+        without = without or less(joint, [effect.key for effect in joint.effects if effect.as_physics is not None])
+        new = replace(_refitted(joint, without, other, seed, progress), refused=joint.refused)
         if other.needed <= {law.key for law in new.laws if law.implausible is None}:
             return new
+        joint = replace(joint, refused=joint.refused | {wanted})
     better = exchanged(joint, seed, progress)
     return None if better is joint else better
 
@@ -135,8 +142,8 @@ def with_floor_at_tolerances(joint: Joint, seed: int, progress: Progress = silen
     return beside_of(joint, beside_removed(joint, tests, progress), progress)
 
 
-def _refitted(joint: Joint, other: OtherLaws, seed: int, progress: Progress) -> Joint:
-    """The model with other laws in place of those found, as far as they stand in the fit.
+def _refitted(joint: Joint, without: Joint, other: OtherLaws, seed: int, progress: Progress) -> Joint:
+    """The model with other laws in place of those found, as far as they stand in the fit; `without` : it with none.
 
     A law of the car that did not stand beside those found is tried again: beside these it may.
     """
@@ -145,7 +152,6 @@ def _refitted(joint: Joint, other: OtherLaws, seed: int, progress: Progress) -> 
         for key in joint.dropped
         if key in joint.parts or joint.first.effects[key].as_fault is not None or joint.first.effects[key].is_of_run()
     )
-    without = less(joint, [effect.key for effect in joint.effects if effect.as_physics is not None])
     wanted = replace(without, added=(*without.added, *other.laws), dropped=out | other.replaced)
     return fitted_together(wanted, seed, progress)
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from lacet.identify.effects.base import Effect
+from lacet.identify.progress import Progress
 from lacet.identify.regression.sums.prepared_runs import recording_without_faults
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection import diagnose
@@ -18,7 +19,7 @@ from lacet.identify.selection.joint import free_constants, other_constants, roun
 from lacet.identify.selection.joint.alternatives import Alternative
 from lacet.identify.selection.joint.free_constants import FreeConstants, least_gain
 from lacet.identify.selection.joint.other_constants import OtherLaws, with_other_constants
-from lacet.identify.selection.joint.refits import Joint, fitted_together
+from lacet.identify.selection.joint.refits import Joint, fitted_together, less
 from lacet.identify.selection.joint.rounds import improved, with_a_fault
 from lacet.identify.selection.joint.shape_constants import fall_of, with_best_constants
 from lacet.identify.selection.joint.subset_search import Subset, search
@@ -139,6 +140,26 @@ def test_a_law_that_right_constants_make_needless_is_dropped(
     right = improved(wrong, 0)
     assert right is not None
     assert {*right.keys} == {STOP.key, BAR.key}
+
+
+def test_laws_that_did_not_stand_are_not_fitted_again(space: ScoreTests, monkeypatch: pytest.MonkeyPatch):
+    """Beside a stop, a bar and a spring no cubic spring stands; better constants of the stop do, as often as asked."""
+    joint = begun(space, [TOO_LATE, SPRING, BAR])
+    needless = OtherLaws([STOP, SPRING, BAR, CUBIC], frozenset([CUBIC.key]))
+    better = OtherLaws([STOP, SPRING, BAR], frozenset())
+    monkeypatch.setattr(rounds, "with_other_constants", lambda *given: [needless, better])
+    tried: list[Collection[str]] = []
+    fitted = rounds._refitted
+
+    def counted(joint: Joint, without: Joint, other: OtherLaws, seed: int, progress: Progress) -> Joint:
+        tried.append({law.key for law in other.laws})
+        return fitted(joint, without, other, seed, progress)
+
+    monkeypatch.setattr(rounds, "_refitted", counted)
+    once = improved(joint, 0)
+    assert once is not None and {*once.keys} == {*joint.keys}
+    assert improved(once, 0) is not None
+    assert [CUBIC.key in keys for keys in tried] == [True, False, False]
 
 
 @pytest.mark.parametrize(("share", "exchanged"), [(0.9, False), (0.1, True)])
@@ -289,7 +310,7 @@ def test_other_laws_of_implausible_size_are_no_better(space: ScoreTests, monkeyp
     backwards = OtherLaws([HELPER_AT_10, BAR], frozenset([HELPER.key]))
     monkeypatch.setattr(rounds, "with_other_constants", lambda joint, seed, progress: [backwards])
     monkeypatch.setattr(rounds, "exchanged", lambda joint, seed, progress: joint)
-    assert rounds._refitted(wrong, backwards, 0, lambda _: None).laws[0].implausible is not None
+    assert rounds._refitted(wrong, less(wrong, wrong.keys), backwards, 0, lambda _: None).laws[0].implausible is not None
     assert improved(wrong, 0) is None
 
 
