@@ -18,7 +18,12 @@ from lacet.identify.selection.columns.candidate_columns import WITHOUT_COLUMN
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.joint.free_constants import FreeConstants, FreeStep, least_gain
 from lacet.identify.selection.joint.refits import Joint, beside_removed, less
-from lacet.identify.selection.joint.shape_constants import constants_found, fall_of, with_best_constants
+from lacet.identify.selection.joint.shape_constants import (
+    constants_found,
+    fall_of,
+    implausible_together,
+    with_best_constants,
+)
 from lacet.identify.selection.joint.subset_search import inexactness_of
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
@@ -44,7 +49,8 @@ def with_other_constants(joint: Joint, seed: int, progress: Progress) -> list[Ot
     """Laws in place of those found, with constants searched in one fit.
 
     With other constants of one law another may be missing, not needed, or a simpler one; two may be another one. Only
-    where laws act on common rows: a law alone there has the constants that its own search found.
+    where laws act on common rows: a law alone there has the constants that its own search found. Laws that are needed
+    and would have an implausible size are none.
     """
     laws = [effect for effect in joint.effects if effect.as_physics is not None]
     rows, keys = {law.key: law.rows for law in joint.laws}, [law.key for law in laws]
@@ -70,7 +76,7 @@ def with_other_constants(joint: Joint, seed: int, progress: Progress) -> list[Ot
     if fewer or fall_of(alone, best) - fall_of(alone, laws) > SELECTION.least_refinement_fall:
         # With the new constants of one law another may fall out of the fit: it is not needed.
         out.append(OtherLaws(best, frozenset()))
-    return out
+    return [one for one in out if one.needed.isdisjoint(implausible_together(alone, one.laws))]
 
 
 def _one_for_one(

@@ -129,6 +129,19 @@ def fall_of(space: ScoreTests, effects: Sequence[Effect]) -> float:
     return _Falls.of(space, [[effect] for effect in effects]).of_choice([0] * len(effects))
 
 
+def implausible_together(space: ScoreTests, effects: Sequence[Effect]) -> set[str]:
+    """Keys of those that have a size that no car, or sensor, has, all in the model together."""
+    known, trials = space.beside(effects)
+    at = np.concatenate([np.arange(trial.place.start, trial.place.stop) for trial in trials])
+    prior = np.concatenate([[q.prior for q in trial.effect.parameters] for trial in trials])
+    spread = np.linalg.inv(known.reduced_noisy[np.ix_(at, at)] + np.diag(prior**-2.0))
+    values = spread @ known.reduced[at, known.sums.layout.right]
+    half = SELECTION.interval_quantile * np.sqrt(np.diag(spread))
+    ends = np.cumsum([len(trial.effect.parameters) for trial in trials])[:-1]
+    sizes = zip(trials, np.split(values, ends), np.split(half, ends), strict=True)
+    return {trial.effect.key for trial, size, own in sizes if trial.effect.implausible(size, own) is not None}
+
+
 def _same_law(effects: Sequence[Effect]) -> list[list[int]]:
     """Indices of the effects, those of one law with constants together."""
     groups: dict[tuple[str, int], list[int]] = {}

@@ -21,7 +21,7 @@ from lacet.identify.selection.joint.free_constants import FreeConstants, least_g
 from lacet.identify.selection.joint.other_constants import OtherLaws, with_other_constants
 from lacet.identify.selection.joint.refits import Joint, fitted_together, less
 from lacet.identify.selection.joint.rounds import improved, with_a_fault
-from lacet.identify.selection.joint.shape_constants import fall_of, with_best_constants
+from lacet.identify.selection.joint.shape_constants import fall_of, implausible_together, with_best_constants
 from lacet.identify.selection.joint.subset_search import Subset, search
 from lacet.identify.selection.relinearisation import relinearise
 from lacet.identify.selection.rest import Rest, added_laws
@@ -303,6 +303,12 @@ def test_one_law_takes_the_place_of_two_that_a_wrong_start_found(
         assert right is not None
         assert {*right.keys} == {STOP.key, BAR.key}
         assert {SPRING.key, CUBIC.key} <= right.dropped
+
+
+def test_a_size_that_no_car_has_is_seen_before_a_fit(space: ScoreTests):
+    """In place of a stop and a spring, a helper spring alone would push the wrong way."""
+    assert implausible_together(space, [HELPER_AT_10, BAR]) == {HELPER.key}
+    assert implausible_together(space, [STOP, SPRING, BAR]) == set()
 
 
 def test_other_laws_of_implausible_size_are_no_better(space: ScoreTests, monkeypatch: pytest.MonkeyPatch):
