@@ -46,7 +46,7 @@ class Joint:
     sizes : sensor faults of the base fit that were removed from its runs, with their sizes.
     dropped : keys of effects that were selected and did not stand in a fit.
     parts : keys of those that stood, and explain no more than remains unlisted in their rows.
-    refused : sets of effects, by keys, that were fitted in place of those found and did not stand.
+    refused : sets of effects, by keys, that did not stand where they were fitted in place of those found.
     """
 
     first: ScoreTests

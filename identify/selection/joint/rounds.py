@@ -69,7 +69,6 @@ def with_a_fault(joint: Joint, seed: int, progress: Progress = silent) -> Iterat
 
 def continued(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
     """The same with what is found beside the effects found before."""
-    joint = replace(joint, refused=frozenset())
     for _ in range(SELECTION.most_refits):
         found = search(joint.space, joint.beside, joint.laws, progress).effects  # free the memory of its tests
         if not found:

@@ -56,7 +56,7 @@ def described(joint: Joint, rest: Rest, seed: int, progress: Progress) -> Descri
     base = joint.base.with_effects([described_by(law, joint.space) for law in laws])
     # Of an effect of one run nothing shows that it is the same again: it may be a part of what is not described.
     of_runs = {key for key, effect in joint.first.effects.items() if effect.is_of_run() and key not in joint.keys}
-    again = replace(joint, base=base, dropped=frozenset(of_runs), parts=frozenset())
+    again = replace(joint, base=base, dropped=frozenset(of_runs), parts=frozenset(), refused=frozenset())
     known, remaining = with_all_tested(again, seed, progress)
     hides = remaining.lack.excess(rest.unlisted)
     if rest.excess - hides <= hides:  # the laws describe no more than remains
