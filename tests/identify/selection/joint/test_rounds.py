@@ -157,7 +157,8 @@ def test_laws_that_did_not_stand_are_not_fitted_again(space: ScoreTests, monkeyp
 
     monkeypatch.setattr(rounds, "_refitted", counted)
     once = improved(joint, 0)
-    assert once is not None and {*once.keys} == {*joint.keys}
+    assert once is not None
+    assert {*once.keys} == {*joint.keys}
     assert improved(once, 0) is not None
     assert [CUBIC.key in keys for keys in tried] == [True, False, False]
 
@@ -316,7 +317,8 @@ def test_other_laws_of_implausible_size_are_no_better(space: ScoreTests, monkeyp
     backwards = OtherLaws([HELPER_AT_10, BAR], frozenset([HELPER.key]))
     monkeypatch.setattr(rounds, "with_other_constants", lambda joint, seed, progress: [backwards])
     monkeypatch.setattr(rounds, "exchanged", lambda joint, seed, progress: joint)
-    assert rounds._refitted(wrong, less(wrong, wrong.keys), backwards, 0, lambda _: None).laws[0].implausible is not None
+    other = rounds._refitted(wrong, less(wrong, wrong.keys), backwards, 0, lambda _: None)
+    assert other.laws[0].implausible is not None
     assert improved(wrong, 0) is None
 
 
