@@ -82,10 +82,9 @@ def continued(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
         if others:
             joint = fitted_together(replace(joint, added=(*joint.added, *others)), seed, progress)
             for _ in range(SELECTION.most_refits if joint.effects != present else 0):
-                better = improved(joint, seed, progress)
-                if better is None:
+                before, joint = joint.effects, improved(joint, seed, progress)
+                if joint.effects == before:
                     break
-                joint = better
         if joint.effects == present:
             if not late:
                 break
@@ -93,16 +92,14 @@ def continued(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
     return joint
 
 
-def improved(joint: Joint, seed: int, progress: Progress = silent) -> Joint | None:
-    """The effects found, one step better fitted; None where they are at their best.
+def improved(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
+    """The effects found, one step better fitted; the same where they are at their best.
 
     The runs are linearised at the latencies beside them; the shape constants of the laws are searched again together; a
     law is exchanged. A set of effects that did not stand in place of those found is not fitted again.
     """
     if joint.space.linearisation.latencies:
-        closer = relinearised(joint, seed, progress)
-        if closer is not joint:
-            return closer
+        joint = relinearised(joint, seed, progress)
     without: Joint | None = None
     for other in with_other_constants(joint, seed, progress):
         wanted = frozenset(law.key for law in other.laws) | {fault.key for fault in joint.faults}
@@ -113,8 +110,7 @@ def improved(joint: Joint, seed: int, progress: Progress = silent) -> Joint | No
         if other.needed <= {law.key for law in new.laws if law.implausible is None}:
             return new
         joint = replace(joint, refused=joint.refused | {wanted})
-    better = exchanged(joint, seed, progress)
-    return None if better is joint else better
+    return exchanged(joint, seed, progress)
 
 
 def relinearised(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
