@@ -46,7 +46,8 @@ class Joint:
     sizes : sensor faults of the base fit that were removed from its runs, with their sizes.
     dropped : keys of effects that were selected and did not stand in a fit.
     parts : keys of those that stood, and explain no more than remains unlisted in their rows.
-    refused : sets of effects, by keys, that did not stand where they were fitted in place of those found.
+    refused : sets of effects, by keys, that did not stand where they were fitted in place of those found, or that these
+        took the place of: a search does not return to them.
     """
 
     first: ScoreTests
@@ -67,6 +68,10 @@ class Joint:
     def keys(self) -> tuple[str, ...]:
         """Keys of the effects found."""
         return tuple(effect.key for effect in self.effects)
+
+    def replaced_by(self, better: Joint) -> Joint:
+        """Effects in place of these, to which a search does not return, or the same ones with other constants."""
+        return replace(better, refused=self.refused | ({frozenset(self.keys)} - {frozenset(better.keys)}))
 
     @property
     def faults(self) -> tuple[AddedLaw, ...]:

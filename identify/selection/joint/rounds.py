@@ -96,19 +96,22 @@ def improved(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
     """The effects found, one step better fitted; the same where they are at their best.
 
     The runs are linearised at the latencies beside them; the shape constants of the laws are searched again together; a
-    law is exchanged. A set of effects that did not stand in place of those found is not fitted again.
+    law is exchanged. A set of effects that did not stand, or that another took the place of, is not fitted again.
     """
     if joint.space.linearisation.latencies:
         joint = relinearised(joint, seed, progress)
+    laws = [effect.key for effect in joint.effects if effect.as_physics is not None]
+    others = frozenset(joint.keys) - {*laws}
     without: Joint | None = None
     for other in with_other_constants(joint, seed, progress):
-        wanted = frozenset(law.key for law in other.laws) | {fault.key for fault in joint.faults}
+        wanted = others | {law.key for law in other.laws}
         if wanted in joint.refused:
             continue
-        without = without or less(joint, [effect.key for effect in joint.effects if effect.as_physics is not None])
-        new = replace(_refitted(joint, without, other, seed, progress), refused=joint.refused)
-        if other.needed <= {law.key for law in new.laws if law.implausible is None}:
-            return new
+        without = without or less(joint, laws)
+        new = _refitted(joint, without, other, seed, progress)
+        stands = other.needed <= {law.key for law in new.laws if law.implausible is None}
+        if stands and frozenset(new.keys) not in joint.refused:
+            return joint.replaced_by(new)
         joint = replace(joint, refused=joint.refused | {wanted})
     return exchanged(joint, seed, progress)
 
@@ -155,7 +158,7 @@ def exchanged(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
     """The same with each law for which a candidate explains more in its place exchanged for it, and fitted again.
 
     The search compared them beside fewer effects, and with the noise of another model. A candidate beside which
-    the law explains as much as alone is no exchange: both are missing.
+    the law explains as much as alone is no exchange: both are missing. What was exchanged once is not exchanged back.
     """
     tried: set[str] = set()
     while True:
@@ -164,7 +167,7 @@ def exchanged(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
             for law in joint.laws
             if law.key in joint.keys and law.key not in tried
             for nearest in _in_place_of(joint, law)
-            if nearest.key not in tried
+            if nearest.key not in tried and (frozenset(joint.keys) - {law.key}) | {nearest.key} not in joint.refused
         ]
         if not better:
             return joint
@@ -173,7 +176,8 @@ def exchanged(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
         without = less(joint, [law.key])
         rival = constants_by_runs(without.fit, joint.space.floor, [nearest.effect], progress, joint.drawn)
         other = fitted_together(replace(without, added=(*without.added, *rival)), seed, progress)
-        joint = other if nearest.key in other.keys else joint
+        if nearest.key in other.keys and frozenset(other.keys) not in joint.refused:
+            joint = joint.replaced_by(other)
 
 
 def _in_place_of(joint: Joint, law: AddedLaw) -> list[Alternative]:

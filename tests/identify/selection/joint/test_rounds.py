@@ -24,7 +24,7 @@ from lacet.identify.selection.joint.rounds import improved, with_a_fault
 from lacet.identify.selection.joint.shape_constants import fall_of, implausible_together, with_best_constants
 from lacet.identify.selection.joint.subset_search import Subset, search
 from lacet.identify.selection.relinearisation import relinearise
-from lacet.identify.selection.rest import Rest, added_laws
+from lacet.identify.selection.rest import AddedLaw, Rest, added_laws
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
@@ -157,6 +157,19 @@ def test_laws_that_did_not_stand_are_not_fitted_again(space: ScoreTests, monkeyp
     assert {*once.keys} == {*joint.keys}
     improved(once, 0)
     assert [CUBIC.key in keys for keys in tried] == [True, False, False]
+
+
+def test_a_law_is_not_exchanged_back(space: ScoreTests, monkeypatch: pytest.MonkeyPatch):
+    """Of two laws each may seem to explain more where the other is in the fit."""
+
+    def nearest(space: ScoreTests, law: AddedLaw) -> list[Alternative]:
+        other = {SPRING.key: CUBIC, CUBIC.key: SPRING}.get(law.key)
+        return [Alternative(other, -100.0, 1.0, 0.0, 0.0)] if other else []
+
+    monkeypatch.setattr(rounds, "alternatives", nearest)
+    once = rounds.exchanged(begun(space, [STOP, SPRING, BAR]), 0)
+    assert {*once.keys} == {STOP.key, CUBIC.key, BAR.key}
+    assert rounds.exchanged(once, 0) is once
 
 
 @pytest.mark.parametrize(("share", "exchanged"), [(0.9, False), (0.1, True)])
