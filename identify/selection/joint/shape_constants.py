@@ -134,9 +134,9 @@ def implausible_together(space: ScoreTests, effects: Sequence[Effect]) -> set[st
     known, trials = space.beside(effects)
     at = np.concatenate([np.arange(trial.place.start, trial.place.stop) for trial in trials])
     prior = np.concatenate([[q.prior for q in trial.effect.parameters] for trial in trials])
-    spread = np.linalg.inv(known.reduced_noisy[np.ix_(at, at)] + np.diag(prior**-2.0))
+    spread = solved(known.reduced_noisy[np.ix_(at, at)] + np.diag(prior**-2.0), np.eye(len(at)))
     values = spread @ known.reduced[at, known.sums.layout.right]
-    half = SELECTION.interval_quantile * np.sqrt(np.diag(spread))
+    half = SELECTION.interval_quantile * np.sqrt(np.maximum(0.0, np.diag(spread)))
     ends = np.cumsum([len(trial.effect.parameters) for trial in trials])[:-1]
     sizes = zip(trials, np.split(values, ends), np.split(half, ends), strict=True)
     return {trial.effect.key for trial, size, own in sizes if trial.effect.implausible(size, own) is not None}

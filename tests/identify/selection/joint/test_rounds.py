@@ -320,6 +320,24 @@ def test_a_size_that_no_car_has_is_seen_before_a_fit(space: ScoreTests):
     assert implausible_together(space, [STOP, SPRING, BAR]) == set()
 
 
+def test_laws_of_a_size_that_no_car_has_are_not_fitted(space: ScoreTests, monkeypatch: pytest.MonkeyPatch):
+    wrong = begun(space, [TOO_SOON, BAR])
+    assert any(other.needed for other in with_other_constants(wrong, 0, lambda _: None))
+    monkeypatch.setattr(other_constants, "implausible_together", lambda space, laws: {law.key for law in laws})
+    assert not any(other.needed for other in with_other_constants(wrong, 0, lambda _: None))
+
+
+def test_a_fit_that_falls_back_to_a_set_that_was_left_is_no_better(space: ScoreTests, monkeypatch: pytest.MonkeyPatch):
+    """Of four laws three stand, which the search had before."""
+    left = frozenset([STOP.key, SPRING.key, BAR.key])
+    other = OtherLaws([STOP, SPRING, BAR, CUBIC], frozenset())
+    monkeypatch.setattr(rounds, "with_other_constants", lambda joint, seed, progress: [other])
+    monkeypatch.setattr(rounds, "exchanged", lambda joint, seed, progress: joint)
+    joint = begun(space, [STOP, BAR])
+    assert {*improved(joint, 0).keys} == left
+    assert {*improved(replace(joint, refused=frozenset([left])), 0).keys} == {STOP.key, BAR.key}
+
+
 def test_other_laws_of_implausible_size_are_no_better(space: ScoreTests, monkeypatch: pytest.MonkeyPatch):
     wrong = begun(space, [STOP, BAR])
     backwards = OtherLaws([HELPER_AT_10, BAR], frozenset([HELPER.key]))
