@@ -169,6 +169,7 @@ def test_a_law_is_not_exchanged_back(space: ScoreTests, monkeypatch: pytest.Monk
     monkeypatch.setattr(rounds, "alternatives", nearest)
     once = rounds.exchanged(begun(space, [STOP, SPRING, BAR]), 0)
     assert {*once.keys} == {STOP.key, CUBIC.key, BAR.key}
+    monkeypatch.delattr(rounds, "fitted_together")  # nothing is left to be fitted
     assert rounds.exchanged(once, 0) is once
 
 
