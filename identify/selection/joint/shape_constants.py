@@ -132,8 +132,8 @@ def fall_of(space: ScoreTests, effects: Sequence[Effect]) -> float:
 def implausible_together(space: ScoreTests, effects: Sequence[Effect]) -> set[str]:
     """Keys of those that have a size that no car, or sensor, has, all in the model together."""
     known, trials = space.beside(effects)
-    at = np.concatenate([np.arange(trial.place.start, trial.place.stop) for trial in trials])
-    prior = np.concatenate([[q.prior for q in trial.effect.parameters] for trial in trials])
+    at = np.array([i for trial in trials for i in range(trial.place.start, trial.place.stop)], np.intp)
+    prior = np.array([q.prior for trial in trials for q in trial.effect.parameters])
     spread = solved(known.reduced_noisy[np.ix_(at, at)] + np.diag(prior**-2.0), np.eye(len(at)))
     values = spread @ known.reduced[at, known.sums.layout.right]
     half = SELECTION.interval_quantile * np.sqrt(np.maximum(0.0, np.diag(spread)))
