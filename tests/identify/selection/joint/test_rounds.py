@@ -315,10 +315,16 @@ def test_one_law_takes_the_place_of_two_that_a_wrong_start_found(
         assert {SPRING.key, CUBIC.key} <= right.dropped
 
 
-def test_a_size_that_no_car_has_is_seen_before_a_fit(space: ScoreTests):
+def test_a_size_that_no_car_has_is_seen_before_a_fit(space: ScoreTests, monkeypatch: pytest.MonkeyPatch):
     """In place of a stop and a spring, a helper spring alone would push the wrong way."""
     assert implausible_together(space, [HELPER_AT_10, BAR]) == {HELPER.key}
     assert implausible_together(space, [STOP, SPRING, BAR]) == set()
+    seen: list[tuple[float, float]] = []
+    monkeypatch.setattr(type(STOP), "implausible", lambda stop, size, half: seen.append((size[0], half[0])))
+    implausible_together(space, [STOP, SPRING, BAR])
+    ((size, half),) = seen
+    assert size == pytest.approx(MISSING[0][1], abs=2 * half)
+    assert 0.0 < half < 0.2 * size
 
 
 def test_laws_of_a_size_that_no_car_has_are_not_fitted(space: ScoreTests, monkeypatch: pytest.MonkeyPatch):
