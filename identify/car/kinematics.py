@@ -67,7 +67,7 @@ def build_motion(
     road = Road(signals, rig, vehicle, n)
     plane = road.plane(attitude, body.omega)
     q, qd, qdd = (np.zeros((_CAR.chain.n, n)) for _ in range(3))
-    joints = joints_under_load(vehicle, signals, road, plane, rig, moved)
+    joints = joints_under_load(recording, road, plane, moved)
     geometry = {c: _geometry(vehicle.corners[c], signals, road, table, q, qd, qdd) for c, table in joints.items()}
     wheels = [WHEEL[c] for c in geometry]
     frames = _CAR.chain.propagate(q, qd, qdd, start=CHASSIS, base=_into_frame6(body), wanted=wheels)

@@ -8,8 +8,10 @@ import numpy as np
 
 from lacet.daq.channels import CORNERS, other_corner
 from lacet.daq.compliance import LOADS, Compliance
-from lacet.identify.car.compliance import loads_on
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.compliance import APPLIED, brakes_act, loads_on
 from lacet.identify.car.kinematics import build_motion
+from lacet.identify.car.rows import PRESSURE, RELEASED
 from lacet.identify.effects.body.rigid_body import RigidBody
 from lacet.identify.regression.sensitivity import Sensitivity, residual
 from tests.identify import cars
@@ -51,17 +53,44 @@ def test_joints_change_by_the_loads_on_both_wheels() -> None:
 def test_a_brake_s_torque_is_on_the_carrier_and_a_half_shaft_s_is_not() -> None:
     corner = VEHICLE.corners["fl"]
     force, axis = np.array([[-1000.0], [0.0], [0.0]]), np.array([[0.0], [1.0], [0.0]])
-    moment = 300.0 * axis
-    free = loads_on(corner, {}, force, moment, axis)
+    moment, released, pressed = 300.0 * axis, np.array([False]), np.array([True])
+    free = loads_on(corner, {}, force, moment, axis, released)
     assert free["longitudinal"] == 0.0
     assert free["traction"] == -1000.0
-    pressed = loads_on(corner, {"brake.pressure": np.array([[3e6]])}, force, moment, axis)
-    np.testing.assert_allclose(pressed["longitudinal"], -300.0 / corner.height)
-    np.testing.assert_allclose(pressed["traction"] + pressed["longitudinal"], -1000.0)
-    measured = {"brake.pressure": np.array([[3e6]]), "brake.fl.torque": np.array([[200.0]])}
-    np.testing.assert_allclose(loads_on(corner, measured, force, moment, axis)["longitudinal"], -200.0 / corner.height)
-    inboard = loads_on(replace(corner, brakes="inboard"), measured, force, moment, axis)
+    braked = loads_on(corner, {}, force, moment, axis, pressed)
+    np.testing.assert_allclose(braked["longitudinal"], -300.0 / corner.height)
+    np.testing.assert_allclose(braked["traction"] + braked["longitudinal"], -1000.0)
+    measured = {"brake.fl.torque": np.array([[200.0]])}
+    for known in (pressed, released):
+        own = loads_on(corner, measured, force, moment, axis, known)
+        np.testing.assert_allclose(own["longitudinal"], -200.0 / corner.height)
+    inboard = loads_on(replace(corner, brakes="inboard"), measured, force, moment, axis, pressed)
     assert inboard["longitudinal"] == 0.0
+
+
+def test_without_pressure_wheels_without_drive_show_that_the_driver_brakes() -> None:
+    """Not driven wheels, which an engine brakes too, nor those with inboard brakes; never where declared off."""
+    driven = {c: replace(corner, driven=c[0] == "f") for c, corner in VEHICLE.corners.items()}
+    car = replace(VEHICLE, corners=driven)
+    signals = cars.random_signals(3, 3)
+    moments = {"f": [900.0, 900.0, 0.0], "r": [0.0, 2 * APPLIED, 2 * APPLIED]}
+    value = {k: v for k, v in signals.value.items() if k != PRESSURE}
+    value |= {f"wheel.{c}.moment": np.outer([0.0, 1.0, 0.0], moments[c[0]]) for c in CORNERS}
+
+    def found(vehicle: Vehicle, brakes: str = "unknown", **more: np.ndarray) -> list[bool]:
+        given = replace(signals, value={**value, **more})
+        return brakes_act(cars.recording(given, vehicle, RIG, brakes=brakes)).tolist()
+
+    assert found(car) == found(car, "used") == [False, True, True]
+    assert found(car, "off") == [False, False, False]
+    assert found(car, "off", **{PRESSURE: np.array([[2 * RELEASED, 0.0, 0.0]])}) == [True, False, False]
+    for other in ({"driven": True}, {"brakes": "inboard"}):
+        none = {c: replace(corner, **other) for c, corner in driven.items()}
+        assert found(replace(car, corners=none)) == [False, False, False]
+    # The mean of them counts.
+    value["wheel.rl.moment"] = 0.0 * value["wheel.rl.moment"]
+    value["wheel.rr.moment"] = value["wheel.rr.moment"] * 0.9
+    assert found(car) == [False, False, False]
 
 
 def test_derivatives_by_a_wheel_s_load_see_the_other_wheel_too() -> None:
