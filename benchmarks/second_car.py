@@ -62,6 +62,8 @@ LAWS = (*(key for step in ADDED.values() for key in step), "damper_mount.front",
 
 TIMES = 1.2
 """Factor of a joint's tables of an axle that are made wrong in proportion."""
+PARTS = ("fits", "terms", "travel", "noise-free", "no-tables", "diagnosis")
+"""What can be printed."""
 MADE_WRONG = (
     "right",
     *(f"{axle}.{joint}" for axle in AXLES for joint in ("half_track", "half_wheelbase", "toe", "camber", "pitch")),
@@ -256,6 +258,30 @@ def damping(values: DesignValues, car: SecondCar) -> np.ndarray:
     return sum((c * np.outer(r, r) for c, r in ratios), np.zeros((4, 4)))
 
 
+def by_travel(car: str) -> list[list[str]]:
+    """Laws that the mechanism's wheel rate and damping are of, by travels of an axle's wheels to ± 40 mm, as rows.
+
+    Of a motion in which the left wheel goes by s: ∂Q/∂s = k + 2 k2 s + 3 k3 s², damping c + p s + q |s|, by least
+    squares of mechanical equilibria; by the names of the catalogue.
+    """
+    own = SecondCar.named(car)
+    statics = Statics(Mechanism(own))
+    s = np.linspace(-0.04, 0.04, 9)
+    rows: list[list[str]] = []
+    for name, right in (("bump", 1.0), ("roll", -1.0), ("one wheel", 0.0)):
+        pattern = np.array([1.0, right, 1.0, right])
+        found = [values_at(statics, statics.solve(x * pattern)) for x in s]
+        for axle, (i, j) in {"front": (0, 1), "rear": (2, 3)}.items():
+            rate, drag = (
+                np.array([table[i, i] + right * table[i, j] for table in tables])
+                for tables in ([v.wheel_rate for v in found], [damping(v, own) for v in found])
+            )
+            k = np.linalg.lstsq(np.column_stack([s**0, 2 * s, 3 * s**2]), rate, rcond=None)[0]
+            c = np.linalg.lstsq(np.column_stack([s**0, s, np.abs(s)]), drag, rcond=None)[0]
+            rows.append([f"{axle}, {name}", *(f"{value:,.0f}" for value in (*k, *c))])
+    return rows
+
+
 def missing(car: str, motion: LinkageMotion) -> dict[str, np.ndarray]:
     """Root mean squares (4,) [N] of terms of the suspension rows that the model has no place for."""
     own = SecondCar.named(car)
@@ -303,7 +329,7 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, required=True, help="for the runs")
     parser.add_argument("--car", action="append", choices=CARS, help="default: all")
     parser.add_argument("--table", action="append", choices=TABLES, help="bench tables of the fits; default: each")
-    parser.add_argument("--only", choices=("fits", "terms", "noise-free", "no-tables", "diagnosis"), help="one part")
+    parser.add_argument("--only", choices=PARTS, help="one part")
     parser.add_argument("--made", action="append", choices=MADE_WRONG, help="tables of a diagnosis; default: each")
     parser.add_argument("--seed", type=int, default=1, help="of the runs of no-tables and diagnosis")
     args = parser.parse_args()
@@ -318,6 +344,10 @@ def main() -> None:
             unknown_tables(car, args.folder / car, args.seed)
         if args.only == "diagnosis":
             diagnosis(car, args.folder / car, args.seed, args.made or MADE_WRONG)
+        if args.only in (None, "travel"):
+            print(f"\n{car}: wheel rate [N/m, N/m², N/m³] and damping [N·s/m, N·s/m²] of the mechanism by travel")
+            head = ["motion", "k", "spring_quadratic", "spring_cubic", "c", "damper_stroke", "damper_stroke_symmetric"]
+            print(table(head, by_travel(car)))
         if args.only in (None, "terms"):
             for name, settings in (("sinus", {"amplitude": 0.03}), ("rough", {})):
                 motion = run(SecondCar.named(car), make_manoeuvre(name, duration=4.0, **settings), seed=5, settle=1.0)
