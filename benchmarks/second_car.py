@@ -62,7 +62,7 @@ LAWS = (*(key for step in ADDED.values() for key in step), "damper_mount.front",
 
 TIMES = 1.2
 """Factor of a joint's tables of an axle that are made wrong in proportion."""
-PARTS = ("fits", "terms", "travel", "noise-free", "no-tables", "diagnosis")
+PARTS = ("fits", "terms", "travel", "noise-free", "no-tables", "pitch", "diagnosis")
 """What can be printed."""
 MADE_WRONG = (
     "right",
@@ -170,6 +170,11 @@ def wrong_tables(text: str, made: str) -> str:
     if made == "no-compliance":
         return _without(text, ".compliance.")
     axle, _, joint = made.partition(".")
+    return scaled_tables(text, axle, joint, TIMES)
+
+
+def scaled_tables(text: str, axle: str, joint: str, factor: float) -> str:
+    """The vehicle file of a car with the tables of a joint by both travels multiplied, at both wheels of an axle."""
     sections = [f"[corner.{axle[0]}{side}.joints.{part}]" for side in "lr" for part in ("own", "other", "product")]
     out, section = [], ""
     for line in text.splitlines():
@@ -177,7 +182,7 @@ def wrong_tables(text: str, made: str) -> str:
         if section in sections and line.startswith(f"{joint} ="):
             values, unit = line.split(", unit", 1)
             head, numbers = values.split("value = ", 1)
-            line = f"{head}value = {_NUMBER.sub(lambda one: repr(TIMES * float(one[0])), numbers)}, unit{unit}"
+            line = f"{head}value = {_NUMBER.sub(lambda one: repr(factor * float(one[0])), numbers)}, unit{unit}"
         out.append(line)
     return "\n".join(out) + "\n"
 
@@ -224,6 +229,29 @@ def unknown_tables(car: str, folder: Path, seed: int) -> None:
     began = time.process_time()
     ranked = lacet.rank(lacet.fit(functools.reduce(operator.add, terms, base), runs), effects)
     print(f"beside all terms, {time.process_time() - began:.0f} s of processor time: {ranked.explain()}")
+
+
+def pitch_slopes(car: str, folder: Path, seed: int) -> None:
+    """`pitch_change.rear` where the rear pitch is missing in the tables, as an error of right ones, and beside itself.
+
+    Beside itself: with the slope found as the value of the tables' error, so that its column is linear about it.
+    """
+    own = diagnosed_runs(car, folder, seed)
+    right = (own / f"{car}.toml").read_text(encoding="utf-8")
+    none, found = scaled_tables(right, "rear", "pitch", 0.0), 0.0
+    print(f"\n{car}, seed {seed}: slope p of the rear pitch [rad/m], and p J [kg·m], beside what the mechanism has")
+    for name, text in (("right tables", right), ("none", none), ("that slope", none)):
+        said = f'value = {found}, tolerance = 0, unit = "rad/m", source = "the fit without"'
+        given = f"\n[assumed]\ntable_pitch_axle.rear = {{ {said} }}\n" if name == "that slope" else ""
+        vehicle = own / f"pitch-{name.replace(' ', '-')}.toml"
+        vehicle.write_text(text + given, encoding="utf-8")
+        runs = lacet.load_runs(*(own / f"{one}.parquet" for one in DIAGNOSED), rig=RIG, vehicle=vehicle)
+        known = lacet.catalogue(runs)
+        effects = (known[key] for key in (*LAWS, *BEYOND, "pitch_change.rear"))
+        fitted = lacet.fit(functools.reduce(operator.add, effects, lacet.base_model(runs)), runs)
+        p, p_j = (one for one in fitted.parameters if one.name.startswith("pitch_change."))
+        print(f"{name}: p {p.value:.3f} ± {p.half_sheet:.3f}, p J {p_j.value:.3f} ± {p_j.half_sheet:.3f}", flush=True)
+        found = p.value
 
 
 def _without(text: str, part: str) -> str:
@@ -331,7 +359,7 @@ def main() -> None:
     parser.add_argument("--table", action="append", choices=TABLES, help="bench tables of the fits; default: each")
     parser.add_argument("--only", choices=PARTS, help="one part")
     parser.add_argument("--made", action="append", choices=MADE_WRONG, help="tables of a diagnosis; default: each")
-    parser.add_argument("--seed", type=int, default=1, help="of the runs of no-tables and diagnosis")
+    parser.add_argument("--seed", type=int, default=1, help="of the runs of no-tables, pitch and diagnosis")
     args = parser.parse_args()
     for car in args.car or CARS:
         if args.only in (None, "fits"):
@@ -342,6 +370,8 @@ def main() -> None:
             noise_free(car, args.folder / car)
         if args.only == "no-tables" or (args.only is None and car == CARS[0]):
             unknown_tables(car, args.folder / car, args.seed)
+        if args.only == "pitch":
+            pitch_slopes(car, args.folder / car, args.seed)
         if args.only == "diagnosis":
             diagnosis(car, args.folder / car, args.seed, args.made or MADE_WRONG)
         if args.only in (None, "travel"):
