@@ -47,7 +47,8 @@ What development trials showed:
   braking, `chassis.fx` at 2.71 floors, now 1.34 and without noise 0.40. Wheels that are not driven now show the brakes.
 - **0**, since then: `damper_stroke_symmetric.rear` of 2,600 ± 2,100 N·s/m². Without noise the same runs give 240 to
   290, and it takes nothing off their error; four other draws of noise and instruments' errors give −1,700 to 220. Most
-  of it is chance, beside what the mechanism has of it and of `damper_stroke` (1,690 ± 880 if fitted; not named)."""
+  of it is chance, beside what the mechanism has of it and of `damper_stroke` (1,690 ± 880 if fitted; not named).
+  Trials 1 and 2, of the same drive, do not name it."""
 
 
 def goals(records: Sequence[Record]) -> list[Goal]:
