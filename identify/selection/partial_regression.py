@@ -77,22 +77,23 @@ class PartialRegression:
     def outside(self) -> list[tuple[Array, Array, Array]]:
         """For each fold, `inverse`, `gain` and `reduced` of the samples outside it."""
         out: list[tuple[Array, Array, Array]] = []
-        for normal in self.sums.over_runs.train - (1.0 - 1.0 / SELECTION.folds) * self.column_noise:
+        for train in self.sums.over_runs.train:
+            normal = train - (1.0 - 1.0 / SELECTION.folds) * self.column_noise
             inverse = _inverted(normal[np.ix_(self.nuisance, self.nuisance)] + self.prior)
             out.append((inverse, *self._without(normal)))
         return out
 
-    @cached_property
-    def inside(self) -> Array:
-        """(SELECTION.folds, w, w) products of the samples in each fold, without noise."""
-        return self.sums.over_runs.test - self.column_noise / SELECTION.folds
+    def inside(self, fold: int, *places: NDArray[np.intp]) -> Array:
+        """Products of the samples in a fold, without noise: of all columns, or of those at two `places`."""
+        part = np.ix_(*places) if places else ...
+        return np.asarray(self.sums.over_runs.test[fold][part] - self.column_noise[part] / SELECTION.folds)
 
     @cached_property
     def folds(self) -> list[tuple[Array, Array]]:
         """For each fold (w, w) `reduced` of the samples outside, and products inside with the gain found outside."""
         return [
-            (remainder, at_gain(inside, self.nuisance, gain))
-            for (_, gain, remainder), inside in zip(self.outside, self.inside, strict=True)
+            (remainder, at_gain(self.inside(fold), self.nuisance, gain))
+            for fold, (_, gain, remainder) in enumerate(self.outside)
         ]
 
     def _without(self, normal: Array) -> tuple[Array, Array]:

@@ -80,11 +80,11 @@ class FaultWithoutTolerance:
     def fall(self) -> float:
         """Fall of the weighted squares by the fault in blocked cross-validation."""
         columns, nuisance, total = self._columns, self.space.nuisance, 0.0
-        for (inverse, gain, remainder), inside in zip(self.space.outside, self.space.inside, strict=True):
-            gain, train = self._downdated(inverse, gain, remainder)
-            across = gain.T @ inside[np.ix_(nuisance, columns)] @ self._turn
-            whole = self._turn.T @ inside[np.ix_(columns, columns)] @ self._turn
-            test = whole - across - across.T + gain.T @ inside[np.ix_(nuisance, nuisance)] @ gain
+        for fold, outside in enumerate(self.space.outside):
+            gain, train = self._downdated(*outside)
+            across = gain.T @ self.space.inside(fold, nuisance, columns) @ self._turn
+            whole = self._turn.T @ self.space.inside(fold, columns, columns) @ self._turn
+            test = whole - across - across.T + gain.T @ self.space.inside(fold, nuisance, nuisance) @ gain
             value = train[0, 1] / (train[0, 0] + (1.0 - 1.0 / SELECTION.folds) * self.noise)
             total += float(2.0 * value * test[0, 1] - value**2 * (test[0, 0] + self.noise / SELECTION.folds))
         return total

@@ -17,7 +17,7 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sums.linear_fit import FittedModel
 from lacet.identify.selection.columns.layout import Layout
 from lacet.identify.selection.columns.ranked_runs import RankedRuns
-from lacet.identify.selection.columns.regressor_noise import RegressorNoise, RunNoise, regressor_labels
+from lacet.identify.selection.columns.regressor_noise import RegressorNoise, regressor_labels
 from lacet.identify.selection.columns.weighted_columns import Weighting
 
 
@@ -50,18 +50,13 @@ class DrawnNoise:
         if any(a is not b for a, b in zip(old.runs, new.runs, strict=True)):
             return None
         weights = _weights(self.runs.fitted, self.weighting.layout, runs.fitted, layout)
-        return None if weights is None else self._eliminated.at(regressor_labels(runs.fitted, layout), weights)
+        return None if weights is None else self._at_zeros.at(regressor_labels(runs.fitted, layout), weights)
 
     @cached_property
-    def _eliminated(self) -> RegressorNoise:
-        """The noise with every run's zeros eliminated: their columns, too, depend on the fit's parameters."""
-        rows = dict.fromkeys(row for run in self.noise.runs for row in run.rows)
-        gains, weighting = self.zero_gains, self.weighting
-        totals = {
-            row: np.sum([run.eliminated(weighting, gains[run.run], {row: 1.0}) for run in self.noise.runs], axis=0)
-            for row in rows
-        }
-        return replace(self.noise, runs=(RunNoise.of_totals(totals),))
+    def _at_zeros(self) -> RegressorNoise:
+        """The noise, each run's zeros eliminated as in the first fit: their columns, too, depend on its parameters."""
+        runs = tuple(run.at_zeros(self.weighting, self.zero_gains[run.run]) for run in self.noise.runs)
+        return replace(self.noise, runs=runs)
 
 
 def _weights(before: FittedModel, old: Layout, fitted: FittedModel, layout: Layout) -> Array | None:

@@ -25,7 +25,6 @@ from lacet.identify.regression.sums.linear_fit import FittedModel
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.cross_products import CrossProducts
 from lacet.identify.selection.columns.layout import Layout
-from lacet.identify.selection.columns.run_products import at_zeros
 from lacet.identify.selection.columns.weighted_columns import Weighting, columns_of
 from lacet.identify.selection.settings import SELECTION
 
@@ -62,12 +61,15 @@ class RunNoise:
     rows : row → its noise.
     run : number of the run, which has `priors` (z,), 1 σ of its zeros, and `values` (z,), which the residual is
         without; none where zeros are eliminated.
+    regression : (z, w) regression of the columns on the zeros, in the zeros' units; None for that of the sums whose
+        noise it is.
     """
 
     rows: Mapping[Row, RowNoise]
     run: int = 0
     priors: Array = field(default_factory=lambda: np.zeros(0))
     values: Array = field(default_factory=lambda: np.zeros(0))
+    regression: Array | None = None
 
     @classmethod
     def of_totals(cls, totals: Mapping[Row, Array]) -> RunNoise:
@@ -76,27 +78,38 @@ class RunNoise:
             row: RowNoise(np.arange(len(total)), total, np.zeros((0, len(total)))) for row, total in totals.items()
         })  # fmt: skip
 
-    def eliminated(self, weighting: Weighting, zero_gain: Array, scales: Mapping[Row, float]) -> Array:
-        """(w, w) products of all rows, each times its scale, zeros eliminated by `zero_gain` (z, w) of all columns.
+    def at(self, weights: Array) -> RunNoise:
+        """The noise of other columns, which are combinations (v, w) of these."""
+        regression = None if self.regression is None else self.regression @ weights.T
+        return replace(self, rows={row: one.at(weights) for row, one in self.rows.items()}, regression=regression)
+
+    def at_zeros(self, weighting: Weighting, zero_gain: Array) -> RunNoise:
+        """The noise with the regression on the zeros as `zero_gain` (z, w) has it, that of weighted zeros.
 
         Of the model the columns as they are, not turned.
         """
-        z, w, p = len(self.priors), weighting.layout.width, weighting.layout.model
-        out, priors = np.zeros((z + w, z + w)), self.priors / weighting.prior_stiffening
+        if self.regression is not None or not len(self.priors):
+            return self
+        p, priors = weighting.layout.model, self.priors / weighting.prior_stiffening
+        regression = priors[:, None] * zero_gain
+        regression[:, :p] = np.linalg.solve(weighting.turn.T, regression[:, :p].T).T
+        # The right side here is the residual, from which the zeros that were found are taken already.
+        regression[:, weighting.layout.right] -= self.values
+        return replace(self, regression=regression)
+
+    def eliminated(self, weighting: Weighting, zero_gain: Array, scales: Mapping[Row, float]) -> Array:
+        """(w, w) products of all rows, each times its scale, zeros eliminated; `zero_gain` as of `at_zeros`."""
+        z, w = len(self.priors), weighting.layout.width
+        out, across = np.zeros((w, w)), np.zeros((z, w))
         for row, one in self.rows.items():
             if scale := scales.get(row, 0.0):
-                places = z + one.places
-                out[np.ix_(places, places)] += scale * one.products
-                across = scale * priors[:, None] * one.across
-                out[:z, places] += across
-                out[places, :z] += across.T
-        if not z:
-            return out
-        # The right side here is the residual, from which the zeros that were found are taken already.
-        further = zero_gain.copy()
-        further[:, :p] = np.linalg.solve(weighting.turn.T, further[:, :p].T).T
-        further[:, weighting.layout.right] -= self.values / priors
-        return at_zeros(out, further)
+                out[np.ix_(one.places, one.places)] += scale * one.products
+                across[:, one.places] += scale * one.across
+        if (regression := self.at_zeros(weighting, zero_gain).regression) is not None:
+            explained = regression.T @ across
+            out -= explained
+            out -= explained.T
+        return out
 
 
 @dataclass(frozen=True)
@@ -138,8 +151,7 @@ class RegressorNoise:
 
     def at(self, labels: tuple[str, ...], weights: Array) -> RegressorNoise:
         """The noise of other columns, described by `labels`: combinations (v, w) of these."""
-        runs = tuple(replace(run, rows={row: one.at(weights) for row, one in run.rows.items()}) for run in self.runs)
-        return replace(self, labels=labels, runs=runs)
+        return replace(self, labels=labels, runs=tuple(run.at(weights) for run in self.runs))
 
     def products(
         self, sums: CrossProducts, noise_ratio: Mapping[Row, float], sigma: Mapping[Row, float],
@@ -169,6 +181,7 @@ class RegressorNoise:
         out |= {f"sigma|{row}": np.array(sigma) for row, sigma in self.sigma.items()}
         for i, run in enumerate(self.runs):
             out |= {f"run|{i}": np.array(run.run), f"priors|{i}": run.priors, f"values|{i}": run.values}
+            out |= {} if run.regression is None else {f"regression|{i}": run.regression}
             for row, one in run.rows.items():
                 out |= {f"places|{i}|{row}": one.places, f"products|{i}|{row}": one.products}
                 out[f"across|{i}|{row}"] = one.across
@@ -186,9 +199,12 @@ class RegressorNoise:
                 rows.setdefault(i, {})[Row.parse(row)] = found
         numbers = [name.partition("|")[2] for name in arrays if name.startswith("run|")]
         runs = (
-            RunNoise(rows.get(i, {}), int(arrays[f"run|{i}"]), arrays[f"priors|{i}"], arrays[f"values|{i}"])
+            RunNoise(
+                rows.get(i, {}), int(arrays[f"run|{i}"]), arrays[f"priors|{i}"], arrays[f"values|{i}"],
+                arrays.get(f"regression|{i}"),
+            )
             for i in numbers
-        )
+        )  # fmt: skip
         sigma = {Row.parse(n.partition("|")[2]): float(arrays[n]) for n in arrays if n.startswith("sigma|")}
         return cls(tuple(str(label) for label in arrays["labels"]), tuple(runs), sigma)
 

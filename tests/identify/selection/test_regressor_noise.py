@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
@@ -16,9 +17,10 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.selection.columns.candidate_columns import CandidateColumns
 from lacet.identify.selection.columns.cross_products import CrossProducts
+from lacet.identify.selection.columns.layout import Layout
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise, RunNoise
-from lacet.identify.selection.columns.weighted_columns import columns_of
+from lacet.identify.selection.columns.weighted_columns import Weighting, columns_of
 from lacet.identify.selection.partial_regression import PartialRegression, at_gain
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
@@ -77,6 +79,40 @@ def test_combinations_of_the_columns_hold_the_combined_noise() -> None:
         found[row][np.ix_(one.places, one.places)] = one.products
     np.testing.assert_allclose(found[first], weights @ total @ weights.T, rtol=1e-10, atol=1e-12)
     assert not np.any(found[second])
+
+
+def test_zeros_are_eliminated_as_if_their_columns_stood_first(space: ScoreTests):
+    """From products of zeros and columns together; and of combinations of the columns at the same regression."""
+    sums, w = space.sums, space.layout.width
+    weighting, gain = sums.weighting, sums.over_runs.zero_gains[0]
+    (run,) = space.noise.runs
+    rng, priors = np.random.default_rng(7), run.priors / weighting.prior_stiffening
+    z = len(priors)
+    scales = {row: float(rng.uniform(0.5, 2.0)) for row in run.rows}
+    whole = np.zeros((z + w, z + w))
+    for row, one in run.rows.items():
+        whole[np.ix_(z + one.places, z + one.places)] += scales[row] * one.products
+        whole[np.ix_(np.arange(z), z + one.places)] += scales[row] * priors[:, None] * one.across
+    whole[z:, :z] = whole[:z, z:].T
+    # Columns of the model as they are, and the residual without the zeros that were found.
+    p, plain = space.layout.model, gain.copy()
+    plain[:, :p] = gain[:, :p] @ np.linalg.inv(sums.turn)
+    plain[:, -1] -= run.values / priors
+    less = np.concatenate([-plain, np.eye(w)])
+    expected = less.T @ whole @ less
+    small = 1e-8 * float(np.max(expected))
+    np.testing.assert_allclose(run.eliminated(weighting, gain, scales), expected, rtol=1e-8, atol=small)
+    weights = rng.standard_normal((5, w)) * (rng.random((5, w)) < 0.1)
+    moved = run.at_zeros(weighting, gain).at(weights)
+    np.testing.assert_allclose(_of_width(moved, 5, scales), weights @ expected @ weights.T, rtol=1e-8, atol=small)
+    restored = RegressorNoise.from_arrays(replace(space.noise, runs=(moved,)).arrays()).runs[0]
+    np.testing.assert_array_equal(_of_width(restored, 5, scales), _of_width(moved, 5, scales))
+
+
+def _of_width(run: RunNoise, width: int, scales: Mapping[Row, float]) -> Array:
+    """(w, w) products of a run's columns, whose regression on the zeros is known."""
+    layout = Layout.of(width - 1, (), ())
+    return run.eliminated(Weighting(layout, np.eye(width - 1), 1.0), np.zeros((0, width)), scales)
 
 
 def test_noise_is_what_the_same_draws_do_sample_by_sample(space: ScoreTests, fitted: Fit, floor: NoiseFloor):
@@ -175,7 +211,10 @@ def test_of_long_data_all_is_drawn_with_fewer_pairs(fitted: Fit, floor: NoiseFlo
 def test_noise_is_taken_out_of_every_fold_by_its_share(space: ScoreTests):
     """Parts of the sums without noise are those of all without noise; a column's own stays in what it is judged by."""
     found = space.regression
-    np.testing.assert_allclose(found.inside.sum(axis=0), found.total + _at_other_zeros(space), atol=1e-6)
+    inside = [found.inside(fold) for fold in range(SELECTION.folds)]
+    np.testing.assert_allclose(np.sum(inside, axis=0), found.total + _at_other_zeros(space), atol=1e-6)
+    some, others = np.array([0, 3]), np.array([1, 3, 4])
+    np.testing.assert_array_equal(found.inside(2, some, others), inside[2][np.ix_(some, others)])
     for trial in space.layout.trials:
         k = trial.place
         plain, noise = 0.0, found.noise[k, k]
