@@ -244,7 +244,16 @@ class Rest:
     def beside(self, law: AddedLaw) -> float:
         """Weighted squares above the floor in the unlisted rows, each by the law's force in it ÷ that in its main row.
 
-        A sensor's fault changes most rows a little, and has its force in a few.
+        A sensor's fault changes most rows a little, and has its force in a few. One that has it in the body's looks
+        like a force that goes with the body's motion: an unknown one, which acts in all these rows, may be its cause.
         """
-        most = max(law.row_force.values(), default=0.0)
-        return sum(self.lack.excess([row]) * law.row_force.get(row, 0.0) / most for row in self.unlisted if most > 0.0)
+        main = max(law.row_force, key=lambda row: law.row_force[row], default=None)
+        most = 0.0 if main is None else law.row_force[main]
+        if main is None or most <= 0.0:
+            return 0.0
+        whole = bool(law.sheet_entries) and main.kind == "chassis"
+
+        def share(row: Row) -> float:
+            return 1.0 if whole and row.kind == "chassis" else law.row_force.get(row, 0.0) / most
+
+        return sum(self.lack.excess([row]) * share(row) for row in self.unlisted)

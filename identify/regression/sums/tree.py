@@ -7,6 +7,7 @@ was made, so that a fit has the same bits on one process and on any number of wo
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import reduce
 from typing import TypeVar
 
 WIDTH = 8
@@ -45,6 +46,34 @@ def _add(levels: list[list[T]], height: int, part: T, merge: Callable[[Sequence[
         whole = merge(levels[height])
         levels[height] = []
         _add(levels, height + 1, whole, merge)
+
+
+def summed(parts: Iterable[T], add: Callable[[T, T], T]) -> T:
+    """The parts `merged` by adding one after the other, of which each level's sum alone is held.
+
+    `add` may change its first argument, a part or a sum of parts that nobody else asks for.
+
+    Raises ValueError when there is none.
+    """
+    levels: list[tuple[int, T] | None] = []
+    for part in parts:
+        _sum(levels, 0, part, add)
+        del part  # not to be held while the next one is made
+    sums = [level[1] for level in levels if level is not None]
+    if not sums:
+        raise ValueError("nothing to merge")
+    return reduce(lambda rest, level: add(level, rest), sums)
+
+
+def _sum(levels: list[tuple[int, T] | None], height: int, part: T, add: Callable[[T, T], T]) -> None:
+    """Add a part to the sum of its level; that of a full level goes to the next."""
+    if height == len(levels):
+        levels.append(None)
+    there = levels[height]
+    count, whole = (1, part) if there is None else (there[0] + 1, add(there[1], part))
+    levels[height] = (count, whole) if count < WIDTH else None
+    if count == WIDTH:
+        _sum(levels, height + 1, whole, add)
 
 
 def _joined(parts: list[T], merge: Callable[[Sequence[T]], T]) -> list[T]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
-from operator import add
+from operator import add, iadd
 from typing import TypeVar
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.sums.tree import merged
+from lacet.identify.regression.sums.tree import summed
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.known_columns import KnownColumns
 from lacet.identify.selection.columns.layout import Layout
@@ -118,10 +118,17 @@ class SumsOfRuns:
         return first
 
     def __add__(self, other: SumsOfRuns) -> SumsOfRuns:
+        return self._joined(other, add)
+
+    def added_to(self, other: SumsOfRuns) -> SumsOfRuns:
+        """The same sums, in the arrays of these, which take several times those of one run otherwise."""
+        return self._joined(other, iadd)
+
+    def _joined(self, other: SumsOfRuns, add: Callable[[V, V], V]) -> SumsOfRuns:
         return SumsOfRuns(
-            self.total + other.total, self.train + other.train, self.test + other.test,
+            add(self.total, other.total), add(self.train, other.train), add(self.test, other.test),
             _both(self.null, other.null, add),
-            self.null_sheet + other.null_sheet, _both(self.rows, other.rows, add),
+            add(self.null_sheet, other.null_sheet), _both(self.rows, other.rows, add),
             _both(self.acting, other.acting, np.logical_or),
             self.zero_gains + other.zero_gains,
         )  # fmt: skip
@@ -184,16 +191,14 @@ class CrossProducts:
         held: list[RunSamples] = []
         there = None if known is None else KnownColumns.of(layout, known.weighting, known.samples)
 
-        def each() -> Iterator[SumsOfRuns]:
-            first = 0
-            for run in range(len(fitted.runs)):
-                made = None if there is None else there.blocks(fitted, floor, weighting, run)
-                samples, products = samples_of(fitted, floor, weighting, run, first, extent, made)
-                held.append(samples)
-                first += samples.block_count
-                yield SumsOfRuns.of(products, samples, weighting, drifts or {}, [seed, 6, 1 + run], extent)
+        def of_run(run: int) -> SumsOfRuns:
+            made = None if there is None else there.blocks(fitted, floor, weighting, run)
+            first = held[-1].first + held[-1].block_count if held else 0
+            samples, products = samples_of(fitted, floor, weighting, run, first, extent, made)
+            held.append(samples)
+            return SumsOfRuns.of(products, samples, weighting, drifts or {}, [seed, 6, 1 + run], extent)
 
-        sums = merged(each(), SumsOfRuns.merged)
+        sums = summed(map(of_run, range(len(fitted.runs))), SumsOfRuns.added_to)
         prior = model_prior(fitted.equations.known, fitted.solution, weighting.turn)
         return cls(weighting, prior, sums, HeldSamples(tuple(held)))
 

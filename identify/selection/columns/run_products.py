@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from operator import iadd
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,6 +131,11 @@ class RowProducts:
 
     def __add__(self, other: RowProducts) -> RowProducts:
         return RowProducts(self.columns + other.columns, self.noise + other.noise, self.squares + other.squares)
+
+    def __iadd__(self, other: RowProducts) -> RowProducts:
+        return RowProducts(
+            iadd(self.columns, other.columns), iadd(self.noise, other.noise), iadd(self.squares, other.squares)
+        )
 
     def squares_of(self, coefficients: Array) -> Array:
         """(k,) sums of squares of the columns · coefficients (w, k)."""

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
+import weakref
 from dataclasses import replace
 from functools import reduce
+from operator import add, iadd
 
 import numpy as np
 import pytest
 
 from lacet.identify.regression.qr_accumulation import Equations, RunEquations, triangle
-from lacet.identify.regression.sums.tree import WIDTH, groups, merged
+from lacet.identify.regression.sums.tree import WIDTH, groups, merged, summed
 
 RNG = np.random.default_rng(5)
 
@@ -31,10 +34,29 @@ def test_the_tree_depends_on_the_number_of_parts_alone(count: int) -> None:
     assert one_by_one.replace("(", "").replace(")", "") == "".join(names)
 
 
+@pytest.mark.parametrize("count", [1, 2, WIDTH - 1, WIDTH, WIDTH + 1, WIDTH**2 + WIDTH + 3, 700])
+def test_parts_added_one_after_the_other_have_the_same_bits(count: int) -> None:
+    """Added into the arrays of the first; while a part is made none of those before is held."""
+    parts = [RNG.standard_normal((3, 2)) * 10.0 ** RNG.integers(-8, 8) for _ in range(count)]
+    held = list[weakref.ref[np.ndarray]]()
+
+    def made(part: np.ndarray) -> np.ndarray:
+        alive = sum(one() is not None for one in held)
+        assert alive <= 1 + math.log(max(len(held), 1), WIDTH) + 1e-9
+        out = part.copy()
+        held.append(weakref.ref(out))
+        return out
+
+    whole = merged(parts, lambda group: reduce(add, group))
+    np.testing.assert_array_equal(summed(map(made, parts), iadd), whole)
+
+
 def test_nothing_cannot_be_merged() -> None:
     """No part, no sum."""
     with pytest.raises(ValueError, match="nothing"):
         merged([], lambda parts: parts[0])
+    with pytest.raises(ValueError, match="nothing"):
+        summed([], add)
 
 
 def equations(n: int, zeros: int, p: int) -> RunEquations:
