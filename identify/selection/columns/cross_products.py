@@ -121,7 +121,7 @@ class SumsOfRuns:
         return self._joined(other, add)
 
     def added_to(self, other: SumsOfRuns) -> SumsOfRuns:
-        """The same sums, in the arrays of these, which take several times those of one run otherwise."""
+        """The same, summed in the arrays of these: no third ones are made."""
         return self._joined(other, iadd)
 
     def _joined(self, other: SumsOfRuns, add: Callable[[V, V], V]) -> SumsOfRuns:

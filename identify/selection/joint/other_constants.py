@@ -49,12 +49,13 @@ def with_other_constants(joint: Joint, seed: int, progress: Progress) -> list[Ot
     """Laws in place of those found, with constants searched in one fit.
 
     With other constants of one law another may be missing, not needed, or a simpler one; two may be another one. Only
-    where laws act on common rows: a law alone there has the constants that its own search found. Laws that are needed
-    and would have an implausible size are none.
+    where a law has constants, or laws act on common rows. Laws that are needed and would have an implausible size are
+    none.
     """
     laws = [effect for effect in joint.effects if effect.as_physics is not None]
     rows, keys = {law.key: law.rows for law in joint.laws}, [law.key for law in laws]
-    if all(rows[a.key].isdisjoint(rows[b.key]) for a, b in itertools.combinations(laws, 2)):
+    apart = all(rows[a.key].isdisjoint(rows[b.key]) for a, b in itertools.combinations(laws, 2))
+    if apart and not any(law.grids for law in laws):
         return []
     alone = _tests_without(joint, keys, seed, progress)
     best = with_best_constants(alone, laws, progress)

@@ -104,6 +104,19 @@ def test_a_spring_that_a_stop_with_wrong_constants_stands_for_is_found(space: Sc
     assert stop.shape["gap"] == pytest.approx(STOP.shape["gap"], abs=0.002)
 
 
+def test_a_law_alone_in_its_rows_may_do_the_work_of_two(space: ScoreTests):
+    """With its constants it leaves no row to others; one without constants is what it is."""
+    fitted = fit_of(driven(with_all(MISSING[:2]), 3))
+    linearisation = Linearisation.of(fitted, floor_of(fitted, DRAWS))
+    candidates = [replace(KNOWN[one.key], shape={}) for one in (STOP, SPRING, CUBIC, KNOWN["coulomb.front"])]
+    alone = ScoreTests.of(linearisation, candidates, 0)
+    wrong = begun(alone, [TOO_SOON])
+    assert [law.key for law in wrong.laws] == [STOP.key]
+    others = with_other_constants(wrong, 0, lambda _: None)
+    assert any(other.needed == {STOP.key, SPRING.key} for other in others)
+    assert with_other_constants(begun(space, [BAR]), 0, lambda _: None) == []
+
+
 def test_constants_are_searched_again_in_the_fit_with_all(space: ScoreTests):
     """A law that falls out of that fit is not needed, even if its constants moved."""
     wrong = begun(space, [TOO_LATE, SPRING, BAR])
