@@ -245,15 +245,16 @@ class Rest:
         """Weighted squares above the floor in the unlisted rows, each by the law's force in it ÷ that in its main row.
 
         A sensor's fault changes most rows a little, and has its force in a few. One that has it in the body's looks
-        like a force that goes with the body's motion: an unknown one, which acts in all these rows, may be its cause.
+        like a force that goes with the body's motion: an unknown one, which acts in all these rows, may be its cause,
+        and none of them holds when one is unlisted.
         """
         main = max(law.row_force, key=lambda row: law.row_force[row], default=None)
         most = 0.0 if main is None else law.row_force[main]
         if main is None or most <= 0.0:
             return 0.0
-        whole = bool(law.sheet_entries) and main.kind == "chassis"
-
-        def share(row: Row) -> float:
-            return 1.0 if whole and row.kind == "chassis" else law.row_force.get(row, 0.0) / most
-
-        return sum(self.lack.excess([row]) * share(row) for row in self.unlisted)
+        fault, holding = bool(law.sheet_entries), self.without_unlisted()
+        body = [row for row in self.lack.ratios if row.kind == main.kind == "chassis" and row not in holding]
+        whole = body if fault else []
+        return self.lack.excess(whole) + sum(
+            self.lack.excess([row]) * law.row_force.get(row, 0.0) / most for row in self.unlisted if row not in whole
+        )

@@ -304,15 +304,16 @@ def test_the_rest_beside_a_law_counts_by_the_laws_force_in_each_row(subset: Join
     assert known.beside(replace(law, row_force={})) == 0.0
 
 
-def test_beside_a_fault_in_the_bodys_rows_all_that_is_unlisted_in_these_counts(subset: Joint):
+def test_beside_a_fault_in_the_bodys_rows_all_that_remains_in_these_counts(subset: Joint):
     """An unknown force that goes with the body's motion acts in all six; not a law's, nor a fault's elsewhere."""
     rest, law = Rest.of(subset.space, subset.laws), subset.laws[0]
     main, pitch, wheel = Row("chassis.fx"), Row("chassis.my"), Row("suspension.fl")
-    squares = {**rest.lack.squares, main: 0.0, pitch: 60.0, wheel: 100.0}
+    squares = {row: 7.0 if row == main else 0.0 for row in rest.lack.squares} | {pitch: 60.0, wheel: 100.0}
     known = replace(rest, lack=replace(rest.lack, squares=squares), unlisted=(pitch, wheel))
     force = {main: 50.0, pitch: 0.5, wheel: 0.5}
     fault = replace(law, row_force=force, sheet_entries=frozenset({("gain", "imu.acceleration")}))
-    assert known.beside(fault) == pytest.approx(60.0 + 100.0 * 0.01)
+    assert known.beside(fault) == pytest.approx(7.0 + 60.0 + 100.0 * 0.01)
+    assert replace(known, unlisted=(wheel,)).beside(fault) == pytest.approx(100.0 * 0.01)
     assert known.beside(replace(law, row_force=force)) == pytest.approx(160.0 * 0.01)
     elsewhere = replace(fault, row_force={wheel: 50.0, pitch: 0.5})
     assert known.beside(elsewhere) == pytest.approx(100.0 + 60.0 * 0.01)
