@@ -48,9 +48,8 @@ class OtherLaws:
 def with_other_constants(joint: Joint, seed: int, progress: Progress) -> list[OtherLaws]:
     """Laws in place of those found, with constants searched in one fit.
 
-    With other constants of one law another may be missing, not needed, or a simpler one; two may be another one. Only
-    where a law has constants, or laws act on common rows. Laws that are needed and would have an implausible size are
-    none.
+    With other constants of one law another may be missing; where laws act on common rows, one may not be needed, or a
+    simpler one, and two may be another one. Laws that are needed and would have an implausible size are none.
     """
     laws = [effect for effect in joint.effects if effect.as_physics is not None]
     rows, keys = {law.key: law.rows for law in joint.laws}, [law.key for law in laws]
@@ -64,15 +63,17 @@ def with_other_constants(joint: Joint, seed: int, progress: Progress) -> list[Ot
         ([*_exchanged(best, step.other), step.candidate], {step.candidate.key, step.other.key})
         for step in _missing(joint, free)
     ]
-    for law in sorted((law for law in joint.laws if law.key in keys), key=lambda law: law.force):
+    weakest_first = sorted((law for law in joint.laws if law.key in keys), key=lambda law: law.force)
+    for law in () if apart else weakest_first:
         loss, other = free.loss_without(law.key)
         near = [one for one in joint.laws if one.key != law.key]
         if other is not None and loss <= inexactness_of(law.family, law.rows, near):
             less_one = [one for one in _exchanged(best, other) if one.key != law.key]
             sets.append((less_one, {one.key for one in less_one}))
     out = [OtherLaws(with_best_constants(alone, wanted, progress), frozenset(needed)) for wanted, needed in sets]
-    out += _one_for_one(joint, alone, free, best, progress)
-    out += itertools.islice(_one_for_two(joint, alone, free, best, progress), SELECTION.most_free_steps)
+    if not apart:
+        out += _one_for_one(joint, alone, free, best, progress)
+        out += itertools.islice(_one_for_two(joint, alone, free, best, progress), SELECTION.most_free_steps)
     fewer = constants_found(best) < constants_found(laws)
     if fewer or fall_of(alone, best) - fall_of(alone, laws) > SELECTION.least_refinement_fall:
         # With the new constants of one law another may fall out of the fit: it is not needed.
