@@ -9,9 +9,10 @@ orthonormal, so that the sums lose few digits.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from enum import Enum, auto
-from operator import add, iadd
+from functools import reduce
 from typing import TypeVar
 
 import numpy as np
@@ -23,7 +24,7 @@ from lacet.identify.regression.sums.tree import summed
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.known_columns import KnownColumns
 from lacet.identify.selection.columns.layout import Layout
-from lacet.identify.selection.columns.run_products import RowProducts, RunProducts
+from lacet.identify.selection.columns.run_products import RowProducts, RunProducts, added
 from lacet.identify.selection.columns.samples import Blocks, HeldSamples, RunSamples, Samples
 from lacet.identify.selection.columns.weighted_columns import Block, Weighting, blocks_of
 from lacet.identify.selection.settings import SELECTION
@@ -113,22 +114,14 @@ class SumsOfRuns:
     def merged(parts: Sequence[SumsOfRuns]) -> SumsOfRuns:
         """Sums of several parts, in their order."""
         first, *others = parts
-        for other in others:
-            first = first + other
-        return first
-
-    def __add__(self, other: SumsOfRuns) -> SumsOfRuns:
-        return self._joined(other, add)
+        return reduce(SumsOfRuns.added_to, others, deepcopy(first)) if others else first
 
     def added_to(self, other: SumsOfRuns) -> SumsOfRuns:
-        """The same, summed in the arrays of these: no third ones are made."""
-        return self._joined(other, iadd)
-
-    def _joined(self, other: SumsOfRuns, add: Callable[[V, V], V]) -> SumsOfRuns:
+        """The sums of these and others, in the arrays of these: no third ones are made."""
         return SumsOfRuns(
-            add(self.total, other.total), add(self.train, other.train), add(self.test, other.test),
-            _both(self.null, other.null, add),
-            add(self.null_sheet, other.null_sheet), _both(self.rows, other.rows, add),
+            added(self.total, other.total), added(self.train, other.train), added(self.test, other.test),
+            _both(self.null, other.null, added),
+            added(self.null_sheet, other.null_sheet), _both(self.rows, other.rows, RowProducts.added_to),
             _both(self.acting, other.acting, np.logical_or),
             self.zero_gains + other.zero_gains,
         )  # fmt: skip

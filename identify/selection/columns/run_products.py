@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from operator import iadd
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,12 +128,10 @@ class RowProducts:
     noise: Array
     squares: Array
 
-    def __add__(self, other: RowProducts) -> RowProducts:
-        return RowProducts(self.columns + other.columns, self.noise + other.noise, self.squares + other.squares)
-
-    def __iadd__(self, other: RowProducts) -> RowProducts:
+    def added_to(self, other: RowProducts) -> RowProducts:
+        """The sums of these and others, in the arrays of these."""
         return RowProducts(
-            iadd(self.columns, other.columns), iadd(self.noise, other.noise), iadd(self.squares, other.squares)
+            added(self.columns, other.columns), added(self.noise, other.noise), added(self.squares, other.squares)
         )
 
     def squares_of(self, coefficients: Array) -> Array:
@@ -150,6 +147,12 @@ class RowProducts:
     @property
     def _used(self) -> NDArray[np.intp]:
         return np.flatnonzero(np.diag(self.columns))
+
+
+def added(sums: Array, further: Array) -> Array:
+    """`sums`, with others added in place."""
+    sums += further
+    return sums
 
 
 def without_zeros(normal: Array, z: int) -> tuple[Array, Array]:
