@@ -49,6 +49,7 @@ def test_parts_added_one_after_the_other_have_the_same_bits(count: int) -> None:
 
     whole = merged(parts, lambda group: reduce(add, group))
     np.testing.assert_array_equal(summed(map(made, parts), iadd), whole)
+    assert summed(((i,) for i in range(count)), add) == tuple(range(count))  # in their order
 
 
 def test_nothing_cannot_be_merged() -> None:

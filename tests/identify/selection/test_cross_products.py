@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.selection.candidate import Answer
-from lacet.identify.selection.columns.cross_products import Extent
+from lacet.identify.selection.columns.cross_products import Extent, SumsOfRuns
 from lacet.identify.selection.columns.layout import Layout, Trial
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise, regressor_labels
@@ -350,6 +351,26 @@ def test_fewer_sums_are_the_same_sums(fitted: Fit, floor: NoiseFloor):
             own = fewer.sums.over_runs.null[row]
             np.testing.assert_allclose(own, null, rtol=1e-10, atol=1e-10 * np.max(np.abs(null)))
     assert len(every.sums.over_runs.train) == SELECTION.folds
+
+
+def test_sums_are_added_in_their_own_arrays_and_merged_in_others(space: ScoreTests):
+    """Beside the sums of a run no third ones are made; parts that are merged elsewhere stay as they are."""
+    part = space.sums.over_runs
+    sums, whole = deepcopy(part), deepcopy(part)
+    once = sums.added_to(part)
+    assert once.total is sums.total
+    row = next(iter(part.rows))
+    assert once.rows[row].columns is sums.rows[row].columns
+    assert once.null[row] is sums.null[row]
+    assert len(once.zero_gains) == 2 * len(part.zero_gains)
+    twice = SumsOfRuns.merged([part, part])
+    for name in ("total", "train", "test", "null_sheet"):
+        np.testing.assert_array_equal(getattr(part, name), getattr(whole, name))
+        np.testing.assert_array_equal(getattr(twice, name), 2.0 * getattr(part, name))
+        np.testing.assert_array_equal(getattr(once, name), getattr(twice, name))
+    np.testing.assert_array_equal(twice.rows[row].columns, 2.0 * part.rows[row].columns)
+    np.testing.assert_array_equal(part.rows[row].columns, whole.rows[row].columns)
+    np.testing.assert_array_equal(twice.acting[row], part.acting[row])
 
 
 def test_noise_is_computed_beside_selected_effects_too(fitted: Fit, floor: NoiseFloor):
