@@ -248,13 +248,12 @@ class Rest:
         like a force that goes with the body's motion: an unknown one, which acts in all these rows, may be its cause,
         and none of them holds when one is unlisted.
         """
-        main = max(law.row_force, key=lambda row: law.row_force[row], default=None)
-        most = 0.0 if main is None else law.row_force[main]
-        if main is None or most <= 0.0:
+        most = max(law.row_force.values(), default=0.0)
+        if most <= 0.0:
             return 0.0
-        fault, holding = bool(law.sheet_entries), self.without_unlisted()
-        body = [row for row in self.lack.ratios if row.kind == main.kind == "chassis" and row not in holding]
-        whole = body if fault else []
-        return self.lack.excess(whole) + sum(
-            self.lack.excess([row]) * law.row_force.get(row, 0.0) / most for row in self.unlisted if row not in whole
-        )
+        whole: list[Row] = []
+        if law.sheet_entries and max(law.row_force, key=lambda row: law.row_force[row]).kind == "chassis":
+            holding = self.without_unlisted()
+            whole = [row for row in self.lack.ratios if row.kind == "chassis" and row not in holding]
+        shares = {row: 1.0 if row in whole else law.row_force.get(row, 0.0) / most for row in (*self.unlisted, *whole)}
+        return sum(self.lack.excess([row]) * share for row, share in shares.items())

@@ -49,9 +49,9 @@ def _add(levels: list[list[T]], height: int, part: T, merge: Callable[[Sequence[
 
 
 def summed(parts: Iterable[T], add: Callable[[T, T], T]) -> T:
-    """The parts `merged` by adding one after the other, of which each level's sum alone is held.
+    """The parts as `merged` by adding one after the other, with the same bits; only one sum a level is held.
 
-    `add` may change its first argument, a part or a sum of parts that nobody else asks for.
+    `add` may change its first argument, a part or a sum of parts, and return it.
 
     Raises ValueError when there is none.
     """
