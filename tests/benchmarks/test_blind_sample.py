@@ -45,10 +45,12 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict]:
         }
 
 
+@pytest.mark.slow  # two trials, a minute
 def test_nothing_is_named_when_nothing_is_missing(records: dict[str, dict]) -> None:
     assert not page.alarm(records["null"]), records["null"]["steps"]
 
 
+@pytest.mark.slow  # two trials, a minute
 def test_a_bar_is_named_and_its_stiffness_held(records: dict[str, dict]) -> None:
     record = records["bar"]
     assert page.hit(record), record["steps"]
@@ -82,6 +84,7 @@ def test_shapes_are_those_of_the_grid_at_a_reference_alone(monkeypatch: pytest.M
     assert identifying.at_reference(here, there, added) == (added[0], ("coulomb.front", (("v0", grid[1]),)))
 
 
+@pytest.mark.slow  # two trials, a minute
 def test_trials_with_a_floor_of_their_own_are_counted_apart(records: dict[str, dict]) -> None:
     assert records["bar"]["shared"]
     assert not records["null"]["shared"]

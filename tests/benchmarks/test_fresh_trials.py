@@ -38,6 +38,7 @@ def _bytes(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.usefixtures("short")
+@pytest.mark.slow  # a minute
 def test_a_trial_is_the_same_bytes_each_time_and_tells_nothing(tmp_path: Path) -> None:
     trial = make("development", 1)
     first, again = _bytes(write(trial, tmp_path / "a")), _bytes(write(make("development", 1), tmp_path / "b"))

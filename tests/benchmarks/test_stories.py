@@ -43,6 +43,7 @@ def falls(versions: Sequence[Version]) -> None:
     assert held(versions[-1]) < 1.10
 
 
+@pytest.mark.slow  # a minute
 def test_bars_and_friction_separate_table_2_from_table_6(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     played("bars-and-friction.md")
@@ -69,6 +70,7 @@ def test_bars_and_friction_separate_table_2_from_table_6(tmp_path: Path, monkeyp
         assert abs(found[name]["value"] - float(true)) < found[name]["half95"]
 
 
+@pytest.mark.slow  # two minutes
 def test_the_effect_nobody_listed_is_written_by_the_engineer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     played("an-effect-of-ones-own.md")

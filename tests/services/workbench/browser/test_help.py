@@ -20,6 +20,7 @@ APART = 20.0
 """Distance in CIE 1976 L*a*b* from which two colours are told apart at a glance."""
 
 
+@pytest.mark.slow  # a minute; its steps are in other tests
 def test_the_tour_makes_a_study_of_the_example_runs(browser: Any, tmp_path: Path) -> None:
     with serving(tmp_path / "study", tmp_path) as bench, opening(browser, bench.address) as opened:
         watch = opened()

@@ -6,9 +6,12 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from tests.services.workbench.browser.bench import FEW, LONG, Bench, Watch, opening, serving
 
 
+@pytest.mark.slow  # three minutes; its steps by mouse are in make test
 def test_the_story_by_keyboard_alone(browser: Any, ready: Bench, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(ready.folder, tmp_path / "small"))
     with serving(folder, tmp_path, module=FEW) as bench, opening(browser, bench.address) as opened:
