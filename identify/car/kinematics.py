@@ -78,7 +78,7 @@ def build_motion(
     road_height = float(np.mean([corner.position[2] - corner.height for corner in vehicle.corners.values()]))
     return Motion(
         name=recording.run, t=grid, filters=recording.filters, reference=recording.reference, body=body,
-        velocity=_velocity(values, rig, body, attitude), attitude=attitude, corners=corners,
+        velocity=body_velocity(values, rig, body, attitude), attitude=attitude, corners=corners,
         rows=tuple(measured.torques), left_out=measured.left_out, usable=measured.usable,
         channels=frozenset(recording.signals.value), notes=(*recording.notes, *measured.notes), ahead=measured.ahead,
         masses=known_masses(recording), known=known_parameters(recording), road_height=road_height,
@@ -192,7 +192,9 @@ def _to_ground(attitude: Array, v: Array) -> Array:
     return turn(2, yaw, turn(1, pitch, turn(0, roll, v * np.ones(roll.size))))
 
 
-def _velocity(values: Mapping[str, Array], rig: Rig, body: FrameMotion, attitude: Array | None) -> Array | None:
+def body_velocity(
+    values: Mapping[str, Array], rig: Rig, body: FrameMotion, attitude: Array | None
+) -> Array | None:  # fmt: skip
     """Velocity of the body origin in body axes (3, N) [m/s], from the speed sensor at its mount."""
     if "correvit.speed" not in values:
         return None

@@ -5,11 +5,12 @@ After each fit the effects in it are improved first: what a wrong one among them
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from lacet.identify.effects.base import Effect
+from lacet.identify.effects.base import Effect, SensorFault
 from lacet.identify.progress import Progress, Stage, Step, silent
+from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.linearisation import sheet_products
 from lacet.identify.selection.joint.alternatives import Alternative, alternatives
 from lacet.identify.selection.joint.other_constants import OtherLaws, with_other_constants
@@ -28,6 +29,7 @@ from lacet.identify.selection.relinearisation import relinearise
 from lacet.identify.selection.rest import AddedLaw, Rest, added_laws, departures_on_rows
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
+from lacet.identify.validation.channels.speed_agreement import SpeedAgreement
 
 
 def found_together(first: ScoreTests, seed: int, progress: Progress = silent) -> Joint:
@@ -40,7 +42,18 @@ def found_together(first: ScoreTests, seed: int, progress: Progress = silent) ->
     alone = tuple(first.family_wise(first.try_all()))
     base = first.linearisation.runs.refittable
     joint = Joint(first, alone, first, alone, (), added_laws(first), base=base)
-    return joint if base is None else continued(joint, seed, progress)
+    return joint if base is None else continued(_with_faults_by_speed(joint, base, seed, progress), seed, progress)
+
+
+def _with_faults_by_speed(joint: Joint, base: Fit, seed: int, progress: Progress) -> Joint:
+    """The same with faults without which the inertial unit and the speed sensor disagree, if they stand in a fit.
+
+    They come first: no force on the car, listed or not, sets these instruments apart.
+    """
+    agreement = SpeedAgreement.of(base.runs)
+    found = agreement.beyond_sheet(SELECTION.significance) if agreement else []
+    listed = [joint.first.effects[fault.key] for fault in found if fault.key in joint.first.effects]
+    return fitted_together(replace(joint, added=tuple(listed)), seed, progress) if listed else joint
 
 
 def started_with(joint: Joint, effect: Effect, seed: int, progress: Progress = silent) -> Joint:
@@ -197,23 +210,45 @@ def without_denied_faults(
     in place of them, and what then remains.
 
     What an unknown force does to rows of one kind looks like a fault of the sensors in them; removed from the runs,
-    such a fault makes rows of other kinds fail, which want it back. A fault stands if those rows want it changed by no
-    more than chance, or than a law may be inexact. Other faults are not tried in place of one that does not stand.
+    such a fault makes rows of other kinds fail, which want it back, and instruments disagree that no force sets apart.
+    A fault stands if those rows, and these instruments, want it changed by no more than chance, or than a law may be
+    inexact. Other faults are not tried in place of one that does not stand while anything is unlisted.
     """
     found = [fault for fault in joint.space.fitted.model.faults if fault.key in joint.keys]
-    rows = rest.of_other_kinds()
-    if not found or not rows:
+    denied = _denied_by_rows(joint, rest, found) | _denied_by_speed(joint, found)
+    if not denied:
         return joint, rest
-    space = joint.space
-    denied = {
+    others = (key for key, effect in joint.first.effects.items() if effect.as_physics is None)
+    faults = set(others) - set(joint.keys) if rest.unlisted else set[str]()
+    without = without_effects(replace(joint, dropped=joint.dropped | faults), denied, seed, progress)
+    joint = continued(only_standing(without, seed, progress), seed, progress)
+    return joint, Rest.of(joint.space, joint.laws)
+
+
+def _denied_by_rows(joint: Joint, rest: Rest, found: Sequence[SensorFault]) -> set[str]:
+    """Keys of the faults found that rows of other kinds than that in which most is unlisted want changed."""
+    rows, space = rest.of_other_kinds(), joint.space
+    if not found or not rows:
+        return set()
+    return {
         one.key
         for one in departures_on_rows(space, found, rows, joint.sizes)
         if space.family_wise_of(one.squares, one.null) <= SELECTION.level(space.draws)
         and one.squares > SELECTION.selected_inexactness**2 * one.force
     }
-    if not denied:
-        return joint, rest
-    faults = {key for key, effect in joint.first.effects.items() if effect.as_physics is None and key not in joint.keys}
-    without = without_effects(replace(joint, dropped=joint.dropped | faults), denied, seed, progress)
-    joint = continued(only_standing(without, seed, progress), seed, progress)
-    return joint, Rest.of(joint.space, joint.laws)
+
+
+def _denied_by_speed(joint: Joint, found: Sequence[SensorFault]) -> set[str]:
+    """Keys of the faults found with which the inertial unit and the speed sensor do not agree."""
+    fitted = joint.space.linearisation.runs.refittable
+    agreement = SpeedAgreement.of(fitted.runs) if fitted and found else None
+    if fitted is None or agreement is None:
+        return set()
+    denied = set[str]()
+    for key, one in (sizes := agreement.sizes([fault.key for fault in found])).items():
+        (fault,) = (fault for fault in found if fault.key == key)
+        remaining = float(fitted.theta[fitted.model.names.index(fault.parameters[0].name)])
+        inexact = SELECTION.selected_inexactness * abs(joint.sizes.get(key, 0.0) + remaining)
+        if len(sizes) * one.chance(remaining) <= SELECTION.significance and abs(one.value - remaining) > inexact:
+            denied.add(key)
+    return denied

@@ -1,0 +1,199 @@
+"""Faults of the inertial unit and the speed sensor, estimated from how these agree, without any force on the car.
+
+At one point of the body the velocity v changes by v̇ + ω × v = f − g, with the rates ω, the specific force f less
+gravity g in body axes. Along x and y the speed sensor measures the left side and the inertial unit the right one. An
+unknown force changes both alike, a fault of one of them does not (D. H. Titterton and J. L. Weston, Strapdown Inertial
+Navigation Technology, 2004, on aiding by velocity).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion
+from scipy.stats import chi2
+
+from lacet.daq.channels import CHANNELS
+from lacet.identify.car.body_motion import body_motion
+from lacet.identify.car.kinematics import body_attitude, body_velocity
+from lacet.identify.effects.base import SensorFault
+from lacet.identify.effects.catalogue import catalogue
+from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY
+from lacet.identify.multibody.vectors import Array, cross
+from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.signals.decimation import comb, decimated
+from lacet.identify.signals.filters import Filters, derivative
+from lacet.identify.signals.noise_draws import draw_noise
+from lacet.identify.signals.reconstruct import Recording, Signals
+
+_CHANNELS = ("imu.accel", "imu.rate", "imu.attitude", "correvit.speed")
+_CUTOFF = 2.0
+"""Frequency up to which the instruments are compared [Hz]: manoeuvres are below it, and the noise of the speed's
+derivative, which grows with frequency, biases sizes by a percent at 6 Hz."""
+_DRAWS = 8
+"""Simulated draws of noise behind the weights, known to about 2 %."""
+_STEP = 1e-3
+"""Step of the finite differences by sizes of faults and zeros [their units]."""
+
+
+@dataclass(frozen=True)
+class AgreeingSize:
+    """Size of a sensor fault with which the inertial unit and the speed sensor agree best.
+
+    Attributes
+    ----------
+    value, sigma : the size and its 1 σ [SI], beside the zeros of both instruments and all that the sensor sheet allows.
+    """
+
+    value: float
+    sigma: float
+
+    def chance(self, expected: float = 0.0, tolerance: float = 0.0) -> float:
+        """Probability that it is as far from `expected` by noise and a `tolerance`, 1 σ [SI]."""
+        return float(chi2.sf((self.value - expected) ** 2 / (self.sigma**2 + tolerance**2), 1))
+
+
+@dataclass(frozen=True)
+class SpeedAgreement:
+    """How the inertial unit and the speed sensor agree on some runs, and what their faults change in that.
+
+    Attributes
+    ----------
+    faults : all faults of these instruments; `bounds` (f,) their tolerances in the sensor sheet, 1 σ [SI], or 0.
+    products : (f + 1, f + 1) of each fault's column per unit and of the disagreement, ÷ its noise; each run's zeros are
+        eliminated.
+    count : number of samples.
+    """
+
+    faults: tuple[SensorFault, ...]
+    bounds: Array
+    products: Array
+    count: int
+
+    @classmethod
+    def of(cls, runs: Sequence[PreparedRun]) -> SpeedAgreement | None:
+        """Of the runs that have both instruments with the unit's attitude; None where none has."""
+        measured = [run.recording for run in runs if _is_measured(run.recording)]
+        if not measured:
+            return None
+        known = catalogue(measured[0].vehicle, measured[0].reference).values()
+        found = [fault for effect in known if (fault := effect.as_fault)]
+        faults = tuple(fault for fault in found if set(fault.channels()) <= set(_CHANNELS))
+        parts = [_products(recording, faults) for recording in measured]
+        bounds = np.array([fault.sheet_bound(measured[0].rig) for fault in faults])
+        return cls(faults, bounds, np.sum([part for part, _ in parts], axis=0), sum(count for _, count in parts))
+
+    def sizes(self, keys: Collection[str]) -> dict[str, AgreeingSize]:
+        """Sizes of these faults together, by key; keys of faults of other instruments are left out.
+
+        Each has its plausible range as a prior, which one that does not show keeps; all others have the sheet's.
+        """
+        free = [fault.key in keys for fault in self.faults]
+        prior = [fault.parameters[0].prior if is_free else bound
+                 for fault, is_free, bound in zip(self.faults, free, self.bounds, strict=True)]  # fmt: skip
+        kept = [i for i, one in enumerate(prior) if one > 0.0]
+        normal = self.products[np.ix_(kept, kept)] + np.diag(np.array(prior)[kept] ** -2.0)
+        inverse, right = np.linalg.inv(normal), self.products[kept, -1]
+        value = inverse @ right
+        remains = max(1.0, float(self.products[-1, -1] - value @ right) / self.count)
+        sigma = np.sqrt(remains * np.diag(inverse))
+        found = zip(kept, value, sigma, strict=True)
+        return {self.faults[i].key: AgreeingSize(float(v), float(s)) for i, v, s in found if free[i]}
+
+    def beyond_sheet(self, significance: float) -> list[SensorFault]:
+        """Faults without which the instruments disagree by more than the sheet allows, the most significant first.
+
+        `significance` : probability that there is any by chance. Faults whose size is another in each run are not
+        among them.
+        """
+        found: list[SensorFault] = []
+        while True:
+            tried: dict[int, float] = {}
+            for i, fault in enumerate(self.faults):
+                if fault not in found and not fault.is_of_run():
+                    one = self.sizes([fault.key, *(other.key for other in found)])[fault.key]
+                    tried[i] = len(self.faults) * one.chance(tolerance=float(self.bounds[i]))
+            best = min(tried, key=lambda i: tried[i], default=None)
+            if best is None or tried[best] > significance:
+                return found
+            found.append(self.faults[best])
+
+
+def disagreement(recording: Recording, signals: Signals | None = None) -> Array:
+    """What the speed sensor has more than the inertial unit along x and y of the body, (2, n) [m/s²].
+
+    After a low-pass, at the samples that decimation keeps. `signals` : instead of the recording's own.
+    """
+    signals, filters = signals or recording.signals, _filters(recording)
+    body = body_motion(signals, recording.rig, recording.t.size)
+    attitude = body_attitude(signals.value, recording.rig)
+    assert attitude is not None
+    velocity = body_velocity(signals.value, recording.rig, body, attitude)
+    assert velocity is not None
+    roll, pitch, _ = attitude
+    up = np.stack([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)])
+    # The car drives along the road, with a part of its speed along z of a body that is pitched or rolled.
+    velocity = np.stack([*velocity[:2], -(up[0] * velocity[0] + up[1] * velocity[1]) / up[2]])
+    turning, upward = cross(body.omega, velocity)[:2], STANDARD_GRAVITY * up[:2]
+    return decimated(derivative(velocity[:2], filters.rate) + turning + upward - body.accel[:2], filters)
+
+
+def _filters(recording: Recording) -> Filters:
+    """The recording's filters with a lower cut-off, and what they spoil at the ends of a run and around gaps [s]."""
+    own = recording.filters
+    cutoff = min(_CUTOFF, own.fit_cutoff)
+    return replace(own, fit_cutoff=cutoff, edge=own.edge * own.fit_cutoff / cutoff)
+
+
+def _usable(recording: Recording) -> NDArray[np.bool_]:
+    """(n,) the kept samples outside flagged gaps and the low-pass's transients around them."""
+    masks = [recording.usable.get(name, np.ones(recording.t.size, bool)) for name in _CHANNELS]
+    filters = _filters(recording)
+    beyond = math.ceil((filters.edge - recording.filters.edge) * filters.rate)
+    sound = binary_erosion(np.all(masks, axis=0), iterations=beyond) if beyond else np.all(masks, axis=0)
+    return np.asarray(sound[comb(recording.t.size, filters)])
+
+
+def _is_measured(recording: Recording) -> bool:
+    """Whether both instruments are there, none of their channels made of others."""
+    return all(name in recording.signals.value and name not in recording.sources for name in _CHANNELS)
+
+
+def _products(recording: Recording, faults: Sequence[SensorFault]) -> tuple[Array, int]:
+    """Products of the changes by each fault's unit and of the disagreement, ÷ its noise, and the number of samples.
+
+    The zeros of this run are eliminated.
+    """
+    kept, before, sigma = _usable(recording), disagreement(recording), _noise(recording)
+
+    def column(changes: Mapping[str, Array]) -> Array:
+        return ((_changed(recording, changes, _STEP) - before) / (_STEP * sigma))[:, kept].ravel()
+
+    columns: list[Array] = []
+    zeros: list[float] = []
+    for name in _CHANNELS:
+        for row in np.eye(CHANNELS[name].width):
+            columns.append(column({name: np.outer(row, np.ones(recording.t.size))}))
+            zeros.append(recording.rig.tolerance(name, "zero") or recording.rig.noise(name))
+    columns += [column(fault.changes(recording)) for fault in faults]
+    table = np.stack([*columns, (before / sigma)[:, kept].ravel()], axis=1)
+    gram, q = table.T @ table, len(zeros)
+    gain = np.linalg.solve(gram[:q, :q] + np.diag(np.array(zeros) ** -2.0), gram[:q, q:])
+    return np.asarray(gram[q:, q:] - gram[q:, :q] @ gain), len(table)
+
+
+def _changed(recording: Recording, changes: Mapping[str, Array], size: float) -> Array:
+    """The disagreement with channels changed by `size` times `changes`, (2, n) [m/s²]."""
+    values = {name: recording.signals.value[name] + size * change for name, change in changes.items()}
+    return disagreement(recording, recording.signals.changed(values, recording.filters.rate))
+
+
+def _noise(recording: Recording) -> Array:
+    """RMS of the disagreement by the sheet's noise along x and y, (2, 1) [m/s²]."""
+    rng, before = np.random.default_rng(0), disagreement(recording)
+    drawn = [_changed(recording, draw_noise(recording, _CHANNELS, rng), 1.0) - before for _ in range(_DRAWS)]
+    return np.sqrt(np.mean(np.square(drawn)[..., _usable(recording)], axis=(0, 2)))[:, None]
