@@ -48,6 +48,7 @@ class Joint:
     parts : keys of those that stood, and explain no more than remains unlisted in their rows.
     refused : sets of effects, by keys, that did not stand where they were fitted in place of those found, or that these
         took the place of: a search does not return to them.
+    shown : keys of sensor faults that the instruments show by themselves, without any force on the car.
     """
 
     first: ScoreTests
@@ -63,6 +64,7 @@ class Joint:
     dropped: frozenset[str] = frozenset()
     parts: frozenset[str] = frozenset()
     refused: frozenset[frozenset[str]] = frozenset()
+    shown: frozenset[str] = frozenset()
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -184,11 +186,12 @@ def not_part_of_the_rest(joint: Joint, rest: Rest, seed: int, progress: Progress
 
     What explains less than half of what is unlisted in its rows may be. So may a law that also acts in rows in which
     the model holds and does not stand in these alone: what an unknown force on the body does to the masses is a
-    residual in all rows. And an effect of one run: nothing shows that it is the same again.
+    residual in all rows. And an effect of one run: nothing shows that it is the same again. A fault that instruments
+    show by themselves, without any force, is none.
     """
     before = joint
     while rest.unlisted:
-        found = [one for one in (*joint.laws, *joint.faults) if one.key in joint.keys]
+        found = [one for one in (*joint.laws, *joint.faults) if one.key in set(joint.keys) - joint.shown]
         elsewhere = _not_standing_elsewhere(joint, rest, before.space)
         worst = _weakest([one for one in found if one.force <= rest.beside(one) or one.key in elsewhere])
         if worst is None:

@@ -42,26 +42,33 @@ def found_together(first: ScoreTests, seed: int, progress: Progress = silent) ->
     alone = tuple(first.family_wise(first.try_all()))
     base = first.linearisation.runs.refittable
     joint = Joint(first, alone, first, alone, (), added_laws(first), base=base)
-    return joint if base is None else continued(_with_faults_by_speed(joint, base, seed, progress), seed, progress)
+    if base is None:
+        return joint
+    shown = _shown_by_speed(first, base)
+    if shown:
+        keys = frozenset(fault.key for fault in shown)
+        # One that does not stand beside the model as it is may do so beside what is missing in that.
+        joint = replace(fitted_together(replace(joint, added=shown), seed, progress), shown=keys, dropped=joint.dropped)
+    return continued(joint, seed, progress)
 
 
-def _with_faults_by_speed(joint: Joint, base: Fit, seed: int, progress: Progress) -> Joint:
-    """The same with faults without which the inertial unit and the speed sensor disagree, if they stand in a fit.
+def _shown_by_speed(first: ScoreTests, base: Fit) -> tuple[Effect, ...]:
+    """Faults without which the inertial unit and the speed sensor disagree.
 
-    They come first: no force on the car, listed or not, sets these instruments apart.
+    A search begins with them: no force on the car, listed or not, sets these instruments apart.
     """
     agreement = SpeedAgreement.of(base.runs)
     found = agreement.beyond_sheet(SELECTION.significance) if agreement else []
-    listed = [joint.first.effects[fault.key] for fault in found if fault.key in joint.first.effects]
-    return fitted_together(replace(joint, added=tuple(listed)), seed, progress) if listed else joint
+    return tuple(first.effects[fault.key] for fault in found if fault.key in first.effects)
 
 
 def started_with(joint: Joint, effect: Effect, seed: int, progress: Progress = silent) -> Joint:
     """The effects found by a search that begins with `effect` in the fit; none where it does not stand in that."""
     first, base = joint.first, joint.first.linearisation.runs.refittable
-    begun = Joint(first, joint.alone, first, joint.alone, (), added_laws(first), base=base, added=(effect,))
-    begun = fitted_together(begun, seed, progress)
-    return continued(begun, seed, progress) if begun.effects else begun
+    none = Joint(first, joint.alone, first, joint.alone, (), added_laws(first), base=base, shown=joint.shown)
+    others = (first.effects[key] for key in sorted(joint.shown - {effect.key}))
+    begun = fitted_together(replace(none, added=(effect, *others)), seed, progress)
+    return continued(begun, seed, progress) if effect.key in begun.keys else none
 
 
 def with_a_fault(joint: Joint, seed: int, progress: Progress = silent) -> Iterator[Joint]:
@@ -212,9 +219,10 @@ def without_denied_faults(
     What an unknown force does to rows of one kind looks like a fault of the sensors in them; removed from the runs,
     such a fault makes rows of other kinds fail, which want it back, and instruments disagree that no force sets apart.
     A fault stands if those rows, and these instruments, want it changed by no more than chance, or than a law may be
-    inexact. Other faults are not tried in place of one that does not stand while anything is unlisted.
+    inexact. Other faults are not tried in place of one that does not stand while anything is unlisted. One that these
+    instruments show by themselves stands whatever the rows want.
     """
-    found = [fault for fault in joint.space.fitted.model.faults if fault.key in joint.keys]
+    found = [fault for fault in joint.space.fitted.model.faults if fault.key in set(joint.keys) - joint.shown]
     denied = _denied_by_rows(joint, rest, found) | _denied_by_speed(joint, found)
     if not denied:
         return joint, rest

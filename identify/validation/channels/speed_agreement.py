@@ -36,6 +36,9 @@ _CUTOFF = 2.0
 derivative, which grows with frequency, biases sizes by a percent at 6 Hz."""
 _DRAWS = 8
 """Simulated draws of noise behind the weights, known to about 2 %."""
+_MOST_REMAINING = 2.0
+"""Squares that may remain with all faults as large as is plausible, ÷ those of the noise: with more the instruments do
+not measure the same motion, and nothing follows from how they differ."""
 _STEP = 1e-3
 """Step of the finite differences by sizes of faults and zeros [their units]."""
 
@@ -76,7 +79,10 @@ class SpeedAgreement:
 
     @classmethod
     def of(cls, runs: Sequence[PreparedRun]) -> SpeedAgreement | None:
-        """Of the runs that have both instruments with the unit's attitude; None where none has."""
+        """Of the runs that have both instruments with the unit's attitude.
+
+        None where no run has, or where they disagree whatever faults they have.
+        """
         measured = [run.recording for run in runs if _is_measured(run.recording)]
         if not measured:
             return None
@@ -85,42 +91,56 @@ class SpeedAgreement:
         faults = tuple(fault for fault in found if set(fault.channels()) <= set(_CHANNELS))
         parts = [_products(recording, faults) for recording in measured]
         bounds = np.array([fault.sheet_bound(measured[0].rig) for fault in faults])
-        return cls(faults, bounds, np.sum([part for part, _ in parts], axis=0), sum(count for _, count in parts))
+        found = cls(faults, bounds, np.sum([part for part, _ in parts], axis=0), sum(count for _, count in parts))
+        return found if found._estimate([fault.key for fault in faults])[3] <= _MOST_REMAINING else None
 
     def sizes(self, keys: Collection[str]) -> dict[str, AgreeingSize]:
         """Sizes of these faults together, by key; keys of faults of other instruments are left out.
 
         Each has its plausible range as a prior, which one that does not show keeps; all others have the sheet's.
         """
+        places, value, spread, remains = self._estimate(keys)
+        sigma = np.sqrt(max(1.0, remains)) * spread
+        found = {
+            self.faults[i].key: AgreeingSize(float(v), float(s)) for i, v, s in zip(places, value, sigma, strict=True)
+        }
+        return {key: one for key, one in found.items() if key in keys}
+
+    def _estimate(self, keys: Collection[str]) -> tuple[list[int], Array, Array, float]:
+        """Places of the faults, their sizes, 1 σ if noise alone remains, and the squares that do, ÷ the noise's."""
         free = [fault.key in keys for fault in self.faults]
-        prior = [fault.parameters[0].prior if is_free else bound
-                 for fault, is_free, bound in zip(self.faults, free, self.bounds, strict=True)]  # fmt: skip
-        kept = [i for i, one in enumerate(prior) if one > 0.0]
-        normal = self.products[np.ix_(kept, kept)] + np.diag(np.array(prior)[kept] ** -2.0)
-        inverse, right = np.linalg.inv(normal), self.products[kept, -1]
+        plausible = [fault.parameters[0].prior for fault in self.faults]
+        prior = np.where(free, plausible, self.bounds)
+        places = np.flatnonzero(prior > 0.0)
+        inverse = np.linalg.inv(self.products[np.ix_(places, places)] + np.diag(prior[places] ** -2.0))
+        right = self.products[places, -1]
         value = inverse @ right
-        remains = max(1.0, float(self.products[-1, -1] - value @ right) / self.count)
-        sigma = np.sqrt(remains * np.diag(inverse))
-        found = zip(kept, value, sigma, strict=True)
-        return {self.faults[i].key: AgreeingSize(float(v), float(s)) for i, v, s in found if free[i]}
+        remains = float(self.products[-1, -1] - value @ right) / self.count
+        return places.tolist(), value, np.sqrt(np.diag(inverse)), remains
 
     def beyond_sheet(self, significance: float) -> list[SensorFault]:
         """Faults without which the instruments disagree by more than the sheet allows, the most significant first.
 
-        `significance` : probability that there is any by chance. Faults whose size is another in each run are not
-        among them.
+        `significance` : probability that there is any by chance. One that others found later explain is taken out, and
+        faults whose size is another in each run are not among them.
         """
         found: list[SensorFault] = []
-        while True:
-            tried: dict[int, float] = {}
-            for i, fault in enumerate(self.faults):
-                if fault not in found and not fault.is_of_run():
-                    one = self.sizes([fault.key, *(other.key for other in found)])[fault.key]
-                    tried[i] = len(self.faults) * one.chance(tolerance=float(self.bounds[i]))
-            best = min(tried, key=lambda i: tried[i], default=None)
-            if best is None or tried[best] > significance:
-                return found
-            found.append(self.faults[best])
+        open_ones = [fault for fault in self.faults if not fault.is_of_run()]
+        while open_ones:
+            tried = {fault.key: self._chances([*found, fault])[fault.key] for fault in open_ones}
+            best = min(open_ones, key=lambda fault: tried[fault.key])
+            if tried[best.key] > significance:
+                break
+            open_ones.remove(best)
+            chances = self._chances([*found, best])
+            found = [fault for fault in (*found, best) if chances[fault.key] <= significance]
+        return found
+
+    def _chances(self, faults: Sequence[SensorFault]) -> dict[str, float]:
+        """Key → probability that any fault is as large by chance and its tolerance, of each beside the others."""
+        sizes = self.sizes([fault.key for fault in faults])
+        bounds = {fault.key: float(bound) for fault, bound in zip(self.faults, self.bounds, strict=True)}
+        return {key: len(self.faults) * one.chance(tolerance=bounds[key]) for key, one in sizes.items()}
 
 
 def disagreement(recording: Recording, signals: Signals | None = None) -> Array:

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from lacet.identify.car.rows import Row
-from lacet.identify.effects.base import Effect, Implausible
+from lacet.identify.effects.base import Effect, Implausible, SensorFault
 from lacet.identify.effects.body.payload import Payload
 from lacet.identify.progress import silent
-from lacet.identify.regression.sums.prepared_runs import without_faults
+from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.regression.sums.prepared_runs import recording_without_faults, without_faults
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.candidate import Answer, Candidate, Reason
 from lacet.identify.selection.chow_test import ParameterConstancy
@@ -49,6 +50,7 @@ from lacet.identify.selection.rest import (
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.signals.reconstruct import Recording
+from lacet.identify.validation.channels.speed_agreement import AgreeingSize
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.services.render.verdicts import says, why
 from tests.identify import cars
@@ -500,6 +502,64 @@ def test_beside_a_rest_a_fault_that_rows_of_other_kinds_want_back_is_no_name(
         assert {fault.key, other} <= found.dropped
         assert found.space.effects.keys().isdisjoint(found.dropped)
         assert "coulomb.rear" in found.space.effects
+
+
+@pytest.mark.parametrize("beside_a_rest", [False, True])
+@pytest.mark.parametrize(("change", "sigma", "stands"), [(0.1, 0.01, True), (1.0, 2.0, True), (1.0, 0.01, False)])
+def test_a_fault_that_the_speed_sensor_denies_is_no_name(
+    subset: Joint, monkeypatch: pytest.MonkeyPatch, change: float, sigma: float, stands: bool, beside_a_rest: bool
+):
+    """Within a fifth of its size, or by chance, it may differ. Other faults may be tried where nothing is unlisted."""
+    fault, other = KNOWN["sensor_gain.accel.x"], "sensor_gain.hub.rr"
+    base = subset.base
+    assert base is not None
+    fitted = base.with_effects([*subset.added, fault])
+    tests = ScoreTests.of(Linearisation.of(fitted, subset.space.floor.redrawn(fitted)), [KNOWN["coulomb.rear"]], 0)
+    joint = beside_of(replace(subset, added=(*subset.added, fault), effects=(*subset.effects, fault)), tests)
+    joint = replace(joint, sizes={fault.key: 0.08})
+    size = 0.08 + float(fitted.theta[fitted.model.names.index(f"{fault.key}.g")])
+
+    class Agreement:
+        @staticmethod
+        def of(runs: Sequence[PreparedRun]) -> Agreement:
+            assert list(runs) == list(fitted.runs)
+            return Agreement()
+
+        def sizes(self, keys: Sequence[str]) -> dict[str, AgreeingSize]:
+            assert list(keys) == [fault.key]
+            return {fault.key: AgreeingSize((1.0 - change) * size - 0.08, sigma * abs(size))}
+
+    monkeypatch.setattr("lacet.identify.selection.joint.rounds.SpeedAgreement", Agreement)
+    monkeypatch.setattr("lacet.identify.selection.joint.rounds._denied_by_rows", lambda *_: set())
+    rest = replace(Rest.of(joint.space, joint.laws), unlisted=(Row("chassis.my"),) if beside_a_rest else ())
+    found, _ = without_denied_faults(joint, rest, 0)
+    assert (fault.key in found.keys) == stands
+    assert set(subset.keys) <= set(found.keys)
+    if not stands:
+        assert fault.key in found.dropped
+        assert (other in found.dropped) == beside_a_rest
+
+
+@pytest.mark.parametrize("wrong", [0.0, 0.05])
+def test_a_search_begins_with_a_fault_that_the_speed_sensor_shows(
+    fitted: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch, wrong: float
+):
+    """Any fault will do for one; it is in the fit if it stands there."""
+    fault = KNOWN["sensor_gain.hub.rr"]
+    assert isinstance(fault, SensorFault)
+    record = recording_without_faults(with_all(HIDDEN), [fault], np.array([-wrong]))
+    drive = fit_of(driven(record, 3), fitted)
+    space = ScoreTests.of(Linearisation.of(drive, floor), [*LAWS, fault], 0)
+    begun: list[tuple[str, ...]] = []
+    monkeypatch.setattr(
+        "lacet.identify.selection.joint.rounds.SpeedAgreement",
+        SimpleNamespace(of=lambda runs: SimpleNamespace(beyond_sheet=lambda significance: [fault])),
+    )
+    monkeypatch.setattr(
+        "lacet.identify.selection.joint.rounds.continued", lambda joint, *_: begun.append(joint.keys) or joint
+    )
+    found_together(space, 0)
+    assert begun == [(fault.key,) if wrong else ()]
 
 
 def test_a_removed_latency_has_its_column_where_nothing_else_is_tried(subset: Joint):

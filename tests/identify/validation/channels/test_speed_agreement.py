@@ -1,0 +1,121 @@
+"""Faults of the inertial unit and the speed sensor, from how these agree, whatever forces act on the car."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effects.base import SensorFault
+from lacet.identify.effects.catalogue import catalogue
+from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.regression.sums.prepared_runs import recording_without_faults
+from lacet.identify.validation.channels.speed_agreement import SpeedAgreement, disagreement
+from tests.identify.exact_car import driven, exact
+from tests.support.tables import CAR, piece, without
+
+RIG, VEHICLE = Rig.load(CAR / "rig.toml"), Vehicle.load(CAR / "vehicle.toml")
+KNOWN = catalogue(VEHICLE, "hub")
+SIGNIFICANCE = 0.01
+
+
+def drive(name: str, faulty: dict[str, float] | None = None, *gone: str) -> PreparedRun:
+    """Ten seconds and more of the reference car, with faults of these sizes."""
+    run = PreparedRun.of(without(piece(name, 2.0, 22.0), *gone), VEHICLE, RIG)
+    faults = [fault for key in faulty or {} if (fault := KNOWN[key].as_fault)]
+    taken = np.array([-size for size in (faulty or {}).values()])
+    return PreparedRun(recording_without_faults(run.recording, faults, taken)) if faulty else run
+
+
+def agreement(faulty: dict[str, float] | None = None) -> SpeedAgreement:
+    found = SpeedAgreement.of([drive(name, faulty) for name in ("sine", "rough", "liftoff")])
+    assert found is not None
+    return found
+
+
+def test_sound_instruments_agree_within_their_noise_and_the_sheet() -> None:
+    found = agreement()
+    assert not found.beyond_sheet(SIGNIFICANCE)
+    assert 0.1 < found.products[-1, -1] / found.count < 1.5
+    for fault, bound in zip(found.faults, found.bounds, strict=True):
+        one = found.sizes([fault.key])[fault.key]
+        assert len(found.faults) * one.chance(tolerance=float(bound)) > SIGNIFICANCE, fault.key
+
+
+@pytest.mark.parametrize(
+    ("key", "size"),
+    [
+        ("sensor_misalignment.imu.pitch", 0.07),
+        ("sensor_misalignment.imu.yaw", 0.08),
+        ("sensor_position.imu.x", 0.4),
+        ("sensor_gain.accel.y", -0.05),
+        ("sensor_gain.rate.z", 0.05),
+        ("sensor_latency.imu", 0.02),
+    ],
+)
+def test_a_fault_is_found_with_its_size(key: str, size: float) -> None:
+    found = agreement({key: size})
+    assert found.beyond_sheet(SIGNIFICANCE)[0].key == key
+    one = found.sizes([key])[key]
+    assert abs(one.value - size) < 3.0 * one.sigma + 0.02 * abs(size)
+    assert one.sigma < 0.25 * abs(size)
+    assert one.chance(size) > 1e-3
+    assert one.chance() < 1e-4
+
+
+def test_two_faults_are_found_together() -> None:
+    hidden = {"sensor_misalignment.imu.pitch": 0.07, "sensor_gain.accel.y": -0.06}
+    found = agreement(hidden)
+    assert {fault.key for fault in found.beyond_sheet(SIGNIFICANCE)} == set(hidden)
+    for key, one in found.sizes(list(hidden)).items():
+        assert abs(one.value - hidden[key]) < 3.0 * one.sigma + 0.02 * abs(hidden[key]), key
+
+
+def test_wheel_loads_do_not_enter() -> None:
+    run = drive("sine")
+    signals = run.recording.signals
+    loads = {name: 2.0 * value for name, value in signals.value.items() if name.startswith("wheel.")}
+    other = run.recording.with_signals(replace(signals, value={**signals.value, **loads}))
+    assert np.array_equal(disagreement(run.recording), disagreement(other))
+
+
+@pytest.mark.parametrize("gone", ["imu.attitude", "correvit.speed", "imu.accel"])
+def test_without_one_of_the_channels_there_is_nothing_to_compare(gone: str) -> None:
+    assert SpeedAgreement.of([drive("sine", None, gone)]) is None
+
+
+def test_instruments_that_do_not_measure_the_same_motion_are_not_compared() -> None:
+    assert SpeedAgreement.of([driven(exact(), 1)]) is None
+
+
+def test_runs_without_them_are_left_out() -> None:
+    whole, one = drive("sine"), SpeedAgreement.of([drive("sine"), drive("rough", None, "correvit.speed")])
+    alone = SpeedAgreement.of([whole])
+    assert one is not None
+    assert alone is not None
+    assert np.array_equal(one.products, alone.products)
+
+
+def test_what_is_not_usable_does_not_count() -> None:
+    run = drive("sine")
+    recording = run.recording
+    value, usable = dict(recording.signals.value), dict(recording.usable)
+    bad = (recording.t > recording.t[0] + 8.0) & (recording.t < recording.t[0] + 8.5)
+    value["correvit.speed"] = np.where(bad, 0.0, value["correvit.speed"])
+    usable["correvit.speed"] = usable["correvit.speed"] & ~np.convolve(bad, np.ones(2 * 94 + 1), "same").astype(bool)
+    spoilt = replace(recording, usable=usable).with_signals(recording.signals.changed(value, recording.filters.rate))
+    found = SpeedAgreement.of([PreparedRun(spoilt)])
+    assert found is not None
+    assert not found.beyond_sheet(SIGNIFICANCE)
+
+
+def test_every_fault_is_of_these_instruments() -> None:
+    found = agreement()
+    assert {fault.key for fault in found.faults} >= {"sensor_gain.speed", "sensor_latency.correvit"}
+    for fault in found.faults:
+        assert isinstance(fault, SensorFault)
+        assert {name.partition(".")[0] for name in fault.channels()} <= {"imu", "correvit"}
+    assert found.sizes(["sensor_gain.hub.fl"]) == {}
