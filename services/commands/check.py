@@ -1,4 +1,4 @@
-"""``lacet check``: check sensors against the rig file: noise, latencies, position of the inertial unit, noise bias."""
+"""``lacet check``: check sensors against the rig file and each other: noise, latencies, position, noise bias."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from lacet.identify.regression.latency import Timings, estimate_latencies
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit
 from lacet.identify.signals.noise_level import measured_noise
+from lacet.identify.validation.channels.speed_agreement import SpeedAgreement
 from lacet.identify.validation.channels.unit_position import unit_position
 from lacet.identify.validation.score import compare, worst_row
 from lacet.services.commands.progress import Line
@@ -30,13 +31,14 @@ from lacet.services.workspace.study import Study
 
 HELP = "check the sensors' noise, latencies and position against the rig file, and the fit for bias by noise"
 DESCRIPTION = """\
-Check from ordinary runs whether the sensors are as the rig file says, by four questions:
+Check from ordinary runs whether the sensors are as the rig file says, by five questions:
 
-  noise    each channel's noise from the upper part of its spectrum, against the rig's sheet
-  latency  each sensor's latency, estimated together with the model's parameters, against the rig's
-  position where the inertial unit is, by axis, estimated in the same way, against the rig's
-  bias     whether noise biases the parameters, and whether the sheet's noise explains it: even and odd samples of
-           every channel are fitted as each other's instruments (Durbin-Wu-Hausman test)
+  noise     each channel's noise from the upper part of its spectrum, against the rig's sheet
+  agreement the inertial unit against the speed sensor, by their motion alone: no model and no force enters
+  latency   each sensor's latency, estimated together with the model's parameters, against the rig's
+  position  where the inertial unit is, by axis, estimated in the same way, against the rig's
+  bias      whether noise biases the parameters, and whether the sheet's noise explains it: even and odd samples of
+            every channel are fitted as each other's instruments (Durbin-Wu-Hausman test)
 
   lacet check STUDY                                   with the study's runs and its present model
   lacet check run1.mcap run2.mcap --add anti_roll_bar.front
@@ -46,7 +48,7 @@ Latencies are relative to a time base, the sensor of the wheel loads: a common s
 interval is wider than 5 ms is not testable with these runs; fast steering and rough roads help. Latencies follow what
 a model lacks, so diagnose first. The other questions are answered with the latencies found."""
 
-QUESTIONS = ("noise", "latency", "position", "bias")
+QUESTIONS = ("noise", "agreement", "latency", "position", "bias")
 _DRAWS = 6
 
 
@@ -94,6 +96,10 @@ def run(args: argparse.Namespace) -> int:
             levels = measured_noise(loaded.runs, loaded.rig)
             result["noise"] = checking.noise_result(levels)
             print(f"\nNoise, 1 σ at the sensors' own rates:\n{sensor_report.noise_table(result['noise'])}", flush=True)
+        if "agreement" in asked:
+            result["agreement"] = checking.agreement_result(SpeedAgreement.of(loaded.prepared))
+            says = sensor_report.agreement_text(result["agreement"])
+            print(f"\nInertial unit and speed sensor, whatever forces act:\n{says}", flush=True)
         fitted = None
         if "latency" in asked:
             filters = loaded.prepared[0].recording.filters

@@ -108,6 +108,25 @@ def position_table(found: Sequence[AxisPosition]) -> str:
     return _with_verdicts(["axis", "rig mm", "found mm", "95 %", "verdict"], rows)
 
 
+def agreement_text(found: Sequence[Mapping[str, Any]] | None) -> str:
+    """Faults that inertial unit and speed sensor show by themselves, from the check's result."""
+    if found is None:
+        return (
+            "not compared: no run has imu.accel, imu.rate, imu.attitude and correvit.speed as measured, or they do not "
+            "measure the same motion"
+        )
+    if not found:
+        return "agree within the sheet"
+    rows = [
+        [
+            one["effect"], f"{to_interval(one['value'], one['half95'], '+')} {one['unit']}".rstrip(" -"),
+            f"± {half_width(one['half95'])}", f"beyond the sheet's ± {one['tolerance']:g}",
+        ]
+        for one in found
+    ]  # fmt: skip
+    return _with_verdicts(["fault", "found", "95 %", "verdict"], rows)
+
+
 def _with_verdicts(head: list[str], rows: list[list[str]], text_columns: int = 1) -> str:
     """A table whose last column is text, left-aligned."""
     width = max(len(row[-1]) for row in (head, *rows))

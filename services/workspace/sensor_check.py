@@ -14,7 +14,9 @@ from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.properties.whole_vehicle import NAMES, UNITS, whole_vehicle
 from lacet.identify.regression.instrumental_variables import Contrast, Instruments
 from lacet.identify.regression.latency import Timings
+from lacet.identify.selection.settings import SELECTION
 from lacet.identify.signals.noise_level import NoiseLevel
+from lacet.identify.validation.channels.speed_agreement import SpeedAgreement
 from lacet.identify.validation.channels.unit_position import AxisPosition
 from lacet.services.render.sensor_report import not_testable, unit_of, unmeasured
 
@@ -60,6 +62,21 @@ def position_result(found: Sequence[AxisPosition]) -> list[dict[str, Any]]:
             "testable": one.testable, "agrees": one.agrees if one.testable else None,
         }
         for one in found
+    ]  # fmt: skip
+
+
+def agreement_result(found: SpeedAgreement | None) -> list[dict[str, Any]] | None:
+    """Faults of inertial unit and speed sensor that these show by themselves, as plain data; None if not compared."""
+    if found is None:
+        return None
+    faults = found.beyond_sheet(SELECTION.significance)
+    sizes, bounds = found.sizes([fault.key for fault in faults]), dict(zip(found.keys, found.bounds, strict=True))
+    return [
+        {
+            "effect": fault.key, "value": sizes[fault.key].value, "half95": TWO_SIDED_95 * sizes[fault.key].sigma,
+            "unit": fault.parameters[0].unit, "tolerance": float(bounds[fault.key]),
+        }
+        for fault in faults
     ]  # fmt: skip
 
 

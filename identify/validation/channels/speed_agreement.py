@@ -92,7 +92,12 @@ class SpeedAgreement:
         parts = [_products(recording, faults) for recording in measured]
         bounds = np.array([fault.sheet_bound(measured[0].rig) for fault in faults])
         found = cls(faults, bounds, np.sum([part for part, _ in parts], axis=0), sum(count for _, count in parts))
-        return found if found._estimate([fault.key for fault in faults])[3] <= _MOST_REMAINING else None
+        return found if found._estimate(found.keys)[3] <= _MOST_REMAINING else None
+
+    @property
+    def keys(self) -> list[str]:
+        """Keys of the faults."""
+        return [fault.key for fault in self.faults]
 
     def sizes(self, keys: Collection[str]) -> dict[str, AgreeingSize]:
         """Sizes of these faults together, by key; keys of faults of other instruments are left out.
@@ -139,7 +144,7 @@ class SpeedAgreement:
     def _chances(self, faults: Sequence[SensorFault]) -> dict[str, float]:
         """Key → probability that any fault is as large by chance and its tolerance, of each beside the others."""
         sizes = self.sizes([fault.key for fault in faults])
-        bounds = {fault.key: float(bound) for fault, bound in zip(self.faults, self.bounds, strict=True)}
+        bounds = dict(zip(self.keys, self.bounds.tolist(), strict=True))
         return {key: len(self.faults) * one.chance(tolerance=bounds[key]) for key, one in sizes.items()}
 
 

@@ -17,10 +17,11 @@ import pytest
 from lacet.daq.formats.result import FORMAT
 from lacet.daq.rig import Rig
 from lacet.services.commands.__main__ import find_commands, main
+from lacet.services.commands.check import QUESTIONS
 from tests.support.candidates import few_candidates
 from tests.support.processes import ROOT, Command, commands
 from tests.support.rig import make_capture
-from tests.support.tables import CAR, FILES, piece, written
+from tests.support.tables import CAR, FILES, piece, without, written
 
 PAGE = (ROOT / "docs" / "json.md").read_text(encoding="utf-8")
 
@@ -187,14 +188,34 @@ def test_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     latency = {s["sensor"]: s for s in result["latency"]["sensors"]}
     assert latency["imu"]["agrees"]
     assert latency["correvit"]["half95"] is None
+    assert result["agreement"] == []
     assert [one["axis"] for one in result["position"]] == ["x", "y", "z"]
     assert all(one["agrees"] for one in result["position"] if one["testable"])
     assert Rig.load(rig) == replace(Rig.load(CAR / "rig.toml"), folder=tmp_path, text=rig.read_text("utf-8"))
     text = capsys.readouterr().out
-    for part in ("time base", "not testable with these runs", "agrees with the instruments"):
+    for part in ("time base", "not testable with these runs", "agrees with the instruments", "agree within the sheet"):
         assert part in text
     assert main(["check", str(run), *FILES, "--only", "noise", "--json", str(file)]) == 0
-    assert set(conforms(file, "check")) & {"noise", "bias", "latency", "position"} == {"noise"}
+    assert set(conforms(file, "check")) & {*QUESTIONS} == {"noise"}
+
+
+def test_check_names_a_unit_elsewhere_by_the_speed_sensor_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    driven = piece("sine", 2.0, 22.0)
+    run, file, rig = written(driven, tmp_path / "sine.parquet"), tmp_path / "check.json", tmp_path / "rig.toml"
+    text = (CAR / "rig.toml").read_text(encoding="utf-8")
+    changed = text.replace("position = [-1.35, 0.1, 0.31]", "position = [-1.65, 0.1, 0.31]")
+    assert changed != text
+    rig.write_text(changed, encoding="utf-8")
+    command = ["check", str(run), "--rig", str(rig), "--vehicle", str(CAR / "vehicle.toml"), "--only", "agreement"]
+    assert main([*command, "--json", str(file)]) == 0
+    (found,) = conforms(file, "check")["agreement"]
+    assert (found["effect"], found["unit"]) == ("sensor_position.imu.x", "m")
+    assert abs(found["value"] - 0.3) < 1.5 * found["half95"] < 0.15
+    assert "sensor_position.imu.x" in capsys.readouterr().out
+    written(without(driven, "correvit.speed"), run)
+    assert main([*command, "--json", str(file)]) == 0
+    assert conforms(file, "check")["agreement"] is None
+    assert "not compared" in capsys.readouterr().out
 
 
 def test_info_decode_export_and_replay(tmp_path: Path):
