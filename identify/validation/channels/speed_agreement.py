@@ -126,7 +126,7 @@ class SpeedAgreement:
     def beyond_sheet(self, significance: float) -> list[SensorFault]:
         """Faults without which the instruments disagree by more than the sheet allows, the most significant first.
 
-        `significance` : probability that there is any by chance. One that others found later explain is taken out, and
+        `significance` : probability that there is any by chance. One that others found later explain is none, and
         faults whose size is another in each run are not among them.
         """
         found: list[SensorFault] = []
