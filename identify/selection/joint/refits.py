@@ -171,10 +171,11 @@ def only_standing(joint: Joint, seed: int, progress: Progress = silent) -> Joint
 def only_plausible(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
     """The same without the effects found that no car, or sensor, has at the size they have in the fit with all of them.
 
-    It looks like something else, with which its size would be another.
+    It looks like something else, with which its size would be another. A fault that instruments show by themselves has
+    the size it has.
     """
     while True:
-        found = [one for one in (*joint.laws, *joint.faults) if one.key in joint.keys]
+        found = [one for one in (*joint.laws, *joint.faults) if one.key in set(joint.keys) - joint.shown]
         wrong = _weakest([one for one in found if one.implausible is not None])
         if wrong is None:
             return joint
