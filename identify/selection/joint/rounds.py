@@ -247,16 +247,17 @@ def _denied_by_rows(joint: Joint, rest: Rest, found: Sequence[SensorFault]) -> s
 
 
 def _denied_by_speed(joint: Joint, found: Sequence[SensorFault]) -> set[str]:
-    """Keys of the faults found with which the inertial unit and the speed sensor do not agree."""
+    """Keys of the faults found with which the inertial unit and the speed sensor do not agree, whatever these show."""
     fitted = joint.space.linearisation.runs.refittable
     agreement = SpeedAgreement.of(fitted.runs) if fitted and found else None
     if fitted is None or agreement is None:
         return set()
-    denied = set[str]()
-    for key, one in (sizes := agreement.sizes([fault.key for fault in found])).items():
-        (fault,) = (fault for fault in found if fault.key == key)
-        remaining = float(fitted.theta[fitted.model.names.index(fault.parameters[0].name)])
-        inexact = SELECTION.selected_inexactness * abs(joint.sizes.get(key, 0.0) + remaining)
+    sizes, denied = agreement.sizes({*joint.shown, *(fault.key for fault in found)}), set[str]()
+    for fault in found:
+        if fault.key not in sizes:
+            continue
+        one, remaining = sizes[fault.key], float(fitted.theta[fitted.model.names.index(fault.parameters[0].name)])
+        inexact = SELECTION.selected_inexactness * abs(joint.sizes.get(fault.key, 0.0) + remaining)
         if len(sizes) * one.chance(remaining) <= SELECTION.significance and abs(one.value - remaining) > inexact:
-            denied.add(key)
+            denied.add(fault.key)
     return denied

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
@@ -13,7 +13,7 @@ import pytest
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect, Implausible, SensorFault
 from lacet.identify.effects.body.payload import Payload
-from lacet.identify.progress import silent
+from lacet.identify.progress import Progress, silent
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sums.prepared_runs import recording_without_faults, without_faults
 from lacet.identify.regression.wls import Fit
@@ -35,7 +35,7 @@ from lacet.identify.selection.joint.refits import (
     only_standing,
 )
 from lacet.identify.selection.joint.rivals import rivals
-from lacet.identify.selection.joint.rounds import exchanged, found_together, without_denied_faults
+from lacet.identify.selection.joint.rounds import exchanged, found_together, started_with, without_denied_faults
 from lacet.identify.selection.joint.shape_constants import constants_by_runs, refined, with_best_constants
 from lacet.identify.selection.joint.subset_search import Subset, _strongest
 from lacet.identify.selection.rest import (
@@ -516,7 +516,7 @@ def test_a_fault_that_the_speed_sensor_denies_is_no_name(
     fitted = base.with_effects([*subset.added, fault])
     tests = ScoreTests.of(Linearisation.of(fitted, subset.space.floor.redrawn(fitted)), [KNOWN["coulomb.rear"]], 0)
     joint = beside_of(replace(subset, added=(*subset.added, fault), effects=(*subset.effects, fault)), tests)
-    joint = replace(joint, sizes={fault.key: 0.08})
+    joint = replace(joint, sizes={fault.key: 0.08}, shown=frozenset({"sensor_position.imu.x"}))
     size = 0.08 + float(fitted.theta[fitted.model.names.index(f"{fault.key}.g")])
 
     class Agreement:
@@ -525,8 +525,8 @@ def test_a_fault_that_the_speed_sensor_denies_is_no_name(
             assert list(runs) == list(fitted.runs)
             return Agreement()
 
-        def sizes(self, keys: Sequence[str]) -> dict[str, AgreeingSize]:
-            assert list(keys) == [fault.key]
+        def sizes(self, keys: Collection[str]) -> dict[str, AgreeingSize]:
+            assert set(keys) == {fault.key, "sensor_position.imu.x"}
             return {fault.key: AgreeingSize((1.0 - change) * size - 0.08, sigma * abs(size))}
 
     monkeypatch.setattr("lacet.identify.selection.joint.rounds.SpeedAgreement", Agreement)
@@ -538,6 +538,45 @@ def test_a_fault_that_the_speed_sensor_denies_is_no_name(
     if not stands:
         assert fault.key in found.dropped
         assert (other in found.dropped) == beside_a_rest
+
+
+def test_what_the_instruments_show_stands_whatever_rows_and_sizes_say(subset: Joint, monkeypatch: pytest.MonkeyPatch):
+    fault = KNOWN["sensor_gain.hub.fl"]
+    base = subset.base
+    assert base is not None
+    fitted = base.with_effects([*subset.added, fault])
+    tests = ScoreTests.of(Linearisation.of(fitted, subset.space.floor.redrawn(fitted)), [], 0)
+    joint = beside_of(replace(subset, added=(*subset.added, fault), effects=(*subset.effects, fault)), tests)
+    joint = replace(joint, shown=frozenset({fault.key}))
+    for name in ("_denied_by_rows", "_denied_by_speed"):
+        monkeypatch.setattr(
+            f"lacet.identify.selection.joint.rounds.{name}", lambda joint, *rest: {fault.key for fault in rest[-1]}
+        )
+    rest = replace(Rest.of(joint.space, joint.laws), unlisted=(Row("chassis.my"),))
+    assert without_denied_faults(joint, rest, 0)[0] is joint
+    wrong = Implausible(fault.parameters[0], 0.3, 0.4)
+    no_sensor = [replace(one, implausible=wrong, force=0.0) for one in joint.faults]
+    monkeypatch.setattr(Joint, "faults", property(lambda joint: no_sensor))
+    assert only_plausible(joint, 0) is joint
+    monkeypatch.setattr(Rest, "beside", lambda rest, law: np.inf if law.key == fault.key else 0.0)
+    monkeypatch.setattr("lacet.identify.selection.joint.refits._not_standing_elsewhere", lambda *_: set())
+    assert not_part_of_the_rest(joint, rest, 0)[0] is joint
+
+
+def test_other_starts_begin_with_what_the_instruments_show(subset: Joint, monkeypatch: pytest.MonkeyPatch):
+    first = subset.first
+    begun: list[tuple[str, ...]] = []
+
+    def fitted_together(joint: Joint, seed: int, progress: Progress) -> Joint:
+        begun.append(tuple(effect.key for effect in joint.added))
+        return replace(joint, effects=joint.added[1:])
+
+    monkeypatch.setattr("lacet.identify.selection.joint.rounds.fitted_together", fitted_together)
+    joint = replace(subset, shown=frozenset({"sensor_gain.hub.fl"}))
+    other = started_with(joint, first.effects["coulomb.rear"], 0)
+    assert begun == [("coulomb.rear", "sensor_gain.hub.fl")]
+    assert not other.effects
+    assert other.shown == joint.shown
 
 
 @pytest.mark.parametrize("wrong", [0.0, 0.05])
