@@ -9,8 +9,9 @@ Navigation Technology, 2004, on aiding by velocity).
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ from lacet.identify.effects.base import SensorFault
 from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY
 from lacet.identify.multibody.vectors import Array, cross
-from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.regression.prepared_run import PIECE, PreparedRun
 from lacet.identify.signals.decimation import comb, decimated
 from lacet.identify.signals.filters import Filters, derivative
 from lacet.identify.signals.noise_draws import draw_noise
@@ -83,12 +84,12 @@ class SpeedAgreement:
 
         None where no run has, or where they disagree whatever faults they have.
         """
-        measured = [run.recording for run in runs if _is_measured(run.recording)]
+        measured = [run.recording for run in runs if _is_compared(run.recording)]
         if not measured:
             return None
         known = catalogue(measured[0].vehicle, measured[0].reference).values()
-        found = [fault for effect in known if (fault := effect.as_fault)]
-        faults = tuple(fault for fault in found if set(fault.channels()) <= set(_CHANNELS))
+        every = (fault for effect in known if (fault := effect.as_fault))
+        faults = tuple(fault for fault in every if set(fault.channels()) <= set(_CHANNELS))
         parts = [_products(recording, faults) for recording in measured]
         bounds = np.array([fault.sheet_bound(measured[0].rig) for fault in faults])
         found = cls(faults, bounds, np.sum([part for part, _ in parts], axis=0), sum(count for _, count in parts))
@@ -174,18 +175,31 @@ def _filters(recording: Recording) -> Filters:
     return replace(own, fit_cutoff=cutoff, edge=own.edge * own.fit_cutoff / cutoff)
 
 
-def _usable(recording: Recording) -> NDArray[np.bool_]:
-    """(n,) the kept samples outside flagged gaps and the low-pass's transients around them."""
+def _usable(recording: Recording, own: slice = slice(None)) -> NDArray[np.bool_]:
+    """(n,) the kept samples outside flagged gaps and the low-pass's transients around them, of those in `own`."""
     masks = [recording.usable.get(name, np.ones(recording.t.size, bool)) for name in _CHANNELS]
     filters = _filters(recording)
     beyond = math.ceil((filters.edge - recording.filters.edge) * filters.rate)
     sound = binary_erosion(np.all(masks, axis=0), iterations=beyond) if beyond else np.all(masks, axis=0)
-    return np.asarray(sound[comb(recording.t.size, filters)])
+    inside = np.zeros(recording.t.size, bool)
+    inside[own] = True
+    return np.asarray((sound & inside)[comb(recording.t.size, filters)])
 
 
-def _is_measured(recording: Recording) -> bool:
-    """Whether both instruments are there, none of their channels made of others."""
-    return all(name in recording.signals.value and name not in recording.sources for name in _CHANNELS)
+def _is_compared(recording: Recording) -> bool:
+    """Whether both instruments are there, with noise, none of their channels made of others, and samples are usable."""
+    there = all(name in recording.signals.value and name not in recording.sources for name in _CHANNELS)
+    return there and all(recording.rig.noise(name) > 0.0 for name in _CHANNELS) and bool(_usable(recording).any())
+
+
+def _pieces(recording: Recording) -> Iterator[tuple[Recording, slice]]:
+    """Pieces of about `PIECE` [s] that reach over their ends by as much as the low-pass sees, and their own samples."""
+    filters, n = _filters(recording), recording.t.size
+    count, step = max(1, round(n / (PIECE * filters.rate))), filters.step
+    margin = math.ceil(filters.memory * filters.rate / step) * step
+    for start, end in pairwise([*(n * k // count // step * step for k in range(count)), n]):
+        first = max(0, start - margin)
+        yield recording.at(slice(first, end + margin)), slice(start - first, end - first)
 
 
 def _products(recording: Recording, faults: Sequence[SensorFault]) -> tuple[Array, int]:
@@ -193,22 +207,29 @@ def _products(recording: Recording, faults: Sequence[SensorFault]) -> tuple[Arra
 
     The zeros of this run are eliminated.
     """
-    kept, before, sigma = _usable(recording), disagreement(recording), _noise(recording)
+    zeros = [recording.rig.tolerance(name, "zero") or recording.rig.noise(name) for name in _CHANNELS]
+    known = np.repeat(zeros, [CHANNELS[name].width for name in _CHANNELS])
+    q, count = known.size, 0
+    grams, squares = np.zeros((2, q + len(faults) + 1, q + len(faults) + 1)), np.zeros(2)
+    for piece, own in _pieces(recording):
+        kept, before = _usable(piece, own), disagreement(piece)
+        columns = [(_changed(piece, changes, _STEP) - before) / _STEP for changes in _changes(piece, faults)]
+        table = np.stack([*columns, before])[:, :, kept]
+        grams += np.einsum("ian,jan->aij", table, table)
+        squares += _noise_squares(piece, before, kept)
+        count += int(np.count_nonzero(kept))
+    gram = np.sum(grams * (count / squares)[:, None, None], axis=0)
+    gain = np.linalg.solve(gram[:q, :q] + np.diag(known**-2.0), gram[:q, q:])
+    return np.asarray(gram[q:, q:] - gram[q:, :q] @ gain), 2 * count
 
-    def column(changes: Mapping[str, Array]) -> Array:
-        return ((_changed(recording, changes, _STEP) - before) / (_STEP * sigma))[:, kept].ravel()
 
-    columns: list[Array] = []
-    zeros: list[float] = []
+def _changes(recording: Recording, faults: Sequence[SensorFault]) -> Iterator[Mapping[str, Array]]:
+    """Changes of channels by each zero, and by each fault, of one unit."""
     for name in _CHANNELS:
-        for row in np.eye(CHANNELS[name].width):
-            columns.append(column({name: np.outer(row, np.ones(recording.t.size))}))
-            zeros.append(recording.rig.tolerance(name, "zero") or recording.rig.noise(name))
-    columns += [column(fault.changes(recording)) for fault in faults]
-    table = np.stack([*columns, (before / sigma)[:, kept].ravel()], axis=1)
-    gram, q = table.T @ table, len(zeros)
-    gain = np.linalg.solve(gram[:q, :q] + np.diag(np.array(zeros) ** -2.0), gram[:q, q:])
-    return np.asarray(gram[q:, q:] - gram[q:, :q] @ gain), len(table)
+        for one in np.eye(CHANNELS[name].width):
+            yield {name: np.outer(one, np.ones(recording.t.size))}
+    for fault in faults:
+        yield fault.changes(recording)
 
 
 def _changed(recording: Recording, changes: Mapping[str, Array], size: float) -> Array:
@@ -217,8 +238,8 @@ def _changed(recording: Recording, changes: Mapping[str, Array], size: float) ->
     return disagreement(recording, recording.signals.changed(values, recording.filters.rate))
 
 
-def _noise(recording: Recording) -> Array:
-    """RMS of the disagreement by the sheet's noise along x and y, (2, 1) [m/s²]."""
-    rng, before = np.random.default_rng(0), disagreement(recording)
+def _noise_squares(recording: Recording, before: Array, kept: NDArray[np.bool_]) -> Array:
+    """(2,) sums of squares over the samples `kept` of what the sheet's noise changes in the disagreement `before`."""
+    rng = np.random.default_rng(0)
     drawn = [_changed(recording, draw_noise(recording, _CHANNELS, rng), 1.0) - before for _ in range(_DRAWS)]
-    return np.sqrt(np.mean(np.square(drawn)[..., _usable(recording)], axis=(0, 2)))[:, None]
+    return np.asarray(np.sum(np.square(drawn)[:, :, kept], axis=(0, 2)) / _DRAWS)

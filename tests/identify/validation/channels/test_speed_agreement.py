@@ -112,6 +112,28 @@ def test_what_is_not_usable_does_not_count() -> None:
     assert not found.beyond_sheet(SIGNIFICANCE)
 
 
+def test_a_long_run_in_pieces_says_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """But for the noise that is drawn: the same for both here."""
+    run, module = drive("sine", {"sensor_position.imu.x": 0.4}), "lacet.identify.validation.channels.speed_agreement"
+    monkeypatch.setattr(
+        f"{module}._noise_squares", lambda piece, before, kept: np.full(2, 0.01 * np.count_nonzero(kept))
+    )
+    whole = SpeedAgreement.of([run])
+    monkeypatch.setattr(f"{module}.PIECE", 5.0)
+    parts = SpeedAgreement.of([run])
+    assert whole is not None
+    assert parts is not None
+    assert parts.count == whole.count
+    scale = np.sqrt(np.diag(whole.products)) + 1e-12
+    assert np.allclose(parts.products / np.outer(scale, scale), whole.products / np.outer(scale, scale), atol=1e-6)
+
+
+def test_a_run_without_a_usable_sample_is_left_out() -> None:
+    recording = drive("sine").recording
+    nothing = {name: np.zeros(recording.t.size, bool) for name in recording.signals.value}
+    assert SpeedAgreement.of([PreparedRun(replace(recording, usable=nothing))]) is None
+
+
 def test_every_fault_is_of_these_instruments() -> None:
     found = agreement()
     assert {fault.key for fault in found.faults} >= {"sensor_gain.speed", "sensor_latency.correvit"}
