@@ -218,7 +218,7 @@ def _products(recording: Recording, faults: Sequence[SensorFault]) -> tuple[Arra
         grams += np.einsum("ian,jan->aij", table, table)
         squares += _noise_squares(piece, before, kept)
         count += int(np.count_nonzero(kept))
-    gram = np.sum(grams * (count / squares)[:, None, None], axis=0)
+    gram: Array = np.sum(grams * (count / squares)[:, None, None], axis=0)
     gain = np.linalg.solve(gram[:q, :q] + np.diag(known**-2.0), gram[:q, q:])
     return np.asarray(gram[q:, q:] - gram[q:, :q] @ gain), 2 * count
 
