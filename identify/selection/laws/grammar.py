@@ -23,7 +23,8 @@ GRIDS: Mapping[str, tuple[str, str, str]] = {
     "v0": ("5 15 50 150 500", "5 50 500", "mm/s"),
     "v1": ("10 40 120 350", "10 60 350", "mm/s"),
     "T": ("5 15 40 120 400", "5 40 400", "ms"),
-    "length": ("0.5 2 6 20", "0.5 3 20", "mm"),
+    # Friction that turns round within less than a millimetre is Coulomb's, within the noise of the travel.
+    "length": ("1 2 6 20", "1 3 20", "mm"),
     "pressed": ("5 15 25 40", "5 15 40", "mm"),
 }
 """Constant → values tried for a single shape, values in a product of two, and their unit."""
