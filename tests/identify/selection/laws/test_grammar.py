@@ -7,6 +7,7 @@ import pytest
 
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.effects.language.compiled import OneLine, one_line_effects
+from lacet.identify.effects.suspension.damper_hysteresis import DamperHysteresis
 from lacet.identify.selection.laws.grammar import GRIDS, Written, constants_of, pool
 from tests.identify import cars
 
@@ -52,3 +53,11 @@ def test_grids_of_single_laws_and_of_products_have_the_same_ends() -> None:
     """A constant is searched between the ends of its grid, in a product as well."""
     for single, product, _ in GRIDS.values():
         assert (single.split()[0], single.split()[-1]) == (product.split()[0], product.split()[-1])
+
+
+def test_friction_that_turns_round_is_the_catalogue_s_where_this_has_it():
+    """Over shorter lengths it is Coulomb friction, read from the travel, which is less noisy than its rate."""
+    low, high = DamperHysteresis.bounds["length"]
+    single, product, unit = GRIDS["length"]
+    assert unit == "mm"
+    assert all(low <= 1e-3 * float(value) <= high for value in (*single.split(), *product.split()))
