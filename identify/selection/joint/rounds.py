@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from lacet.identify.effects.base import Effect, SensorFault
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
@@ -256,8 +258,11 @@ def _denied_by_speed(joint: Joint, found: Sequence[SensorFault]) -> set[str]:
     for fault in found:
         if fault.key not in sizes:
             continue
-        one, remaining = sizes[fault.key], float(fitted.theta[fitted.model.names.index(fault.parameters[0].name)])
+        at = fitted.model.names.index(fault.parameters[0].name)
+        one, remaining = sizes[fault.key], float(fitted.theta[at])
+        sigma = float(np.sqrt(fitted.covariance[at, at] + fitted.covariance_sheet[at, at]))
         inexact = SELECTION.selected_inexactness * abs(joint.sizes.get(fault.key, 0.0) + remaining)
-        if len(sizes) * one.chance(remaining) <= SELECTION.significance and abs(one.value - remaining) > inexact:
+        chance = len(sizes) * one.chance(remaining, sigma)
+        if chance <= SELECTION.significance and abs(one.value - remaining) > inexact:
             denied.add(fault.key)
     return denied
