@@ -127,11 +127,10 @@ class SpeedAgreement:
     def beyond_sheet(self, significance: float) -> list[SensorFault]:
         """Faults without which the instruments disagree by more than the sheet allows, the most significant first.
 
-        `significance` : probability that there is any by chance. One that others found later explain is none, and
-        faults whose size is another in each run are not among them.
+        `significance` : probability that there is any by chance. One that others found later explain is none.
         """
         found: list[SensorFault] = []
-        open_ones = [fault for fault in self.faults if not fault.is_of_run()]
+        open_ones = list(self.faults)
         while open_ones:
             tried = {fault.key: self._chances([*found, fault])[fault.key] for fault in open_ones}
             best = min(open_ones, key=lambda fault: tried[fault.key])

@@ -6,14 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
-from lacet.daq.rig import Rig
+from lacet.daq.rig import Rig, Sensor
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.base import SensorFault
 from lacet.identify.effects.catalogue import catalogue
+from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY
+from lacet.identify.multibody.vectors import Array, cross, turn
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sums.prepared_runs import recording_without_faults
-from lacet.identify.validation.channels.speed_agreement import SpeedAgreement, disagreement
+from lacet.identify.validation.channels.speed_agreement import AgreeingSize, SpeedAgreement, disagreement
 from tests.identify.exact_car import driven, exact
 from tests.support.tables import CAR, piece, without
 
@@ -132,6 +135,61 @@ def test_a_run_without_a_usable_sample_is_left_out() -> None:
     recording = drive("sine").recording
     nothing = {name: np.zeros(recording.t.size, bool) for name in recording.signals.value}
     assert SpeedAgreement.of([PreparedRun(replace(recording, usable=nothing))]) is None
+
+
+@pytest.mark.parametrize("axes", ["sensor", "heading"])
+def test_a_body_that_is_pitched_and_rolls_at_constant_speed_agrees(axes: str) -> None:
+    """Exactly: its velocity along the road has a part along its own z, which turns with the roll."""
+    sensors = tuple(replace(one, axes=axes) if one.name == "correvit" else one for one in RIG.sensors)
+    recording = replace(drive("sine").recording, rig=replace(RIG, sensors=sensors))
+    pitch, t = 0.05, recording.t - recording.t[0]
+    roll, rate, accel = (0.05 * f for f in (np.sin(4.0 * t), 4.0 * np.cos(4.0 * t), -16.0 * np.sin(4.0 * t)))
+    zero, one = np.zeros_like(t), np.ones_like(t)
+
+    def in_body(x: Array) -> Array:
+        return turn(0, -roll, turn(1, np.full_like(t, -pitch), x))
+
+    omega, omega_dot = np.stack([rate, zero, zero]), np.stack([accel, zero, zero])
+    unit, speed = (np.array(_sensor(name).position[""])[:, None] * one for name in ("imu.accel", "correvit.speed"))
+    velocity = in_body(np.stack([20.0 * one, zero, zero])) + cross(omega, speed)
+    if axes == "heading":
+        velocity = turn(1, np.full_like(t, pitch), turn(0, roll, velocity))
+    force = in_body(np.stack([zero, zero, STANDARD_GRAVITY * one]))
+    value = {
+        "imu.rate": omega,
+        "imu.accel": force + cross(omega_dot, unit) + cross(omega, cross(omega, unit)),
+        "imu.attitude": np.stack([roll, pitch * one, zero]),
+        "correvit.speed": velocity[:2],
+    }
+    assert {_sensor(name).orientation for name in value} == {(0.0, 0.0, 0.0)}
+    found = disagreement(recording, recording.signals.changed(value, recording.filters.rate))
+    assert np.max(np.abs(found[:, 8:-8])) < 2e-3
+
+
+def _sensor(channel: str) -> Sensor:
+    sensor = RIG.sensor_of(channel)
+    assert sensor is not None
+    return sensor
+
+
+def test_without_noise_in_the_sheet_there_is_no_weight(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = drive("sine")
+    monkeypatch.setattr(Rig, "noise", lambda rig, channel: 0.0)
+    assert SpeedAgreement.of([run]) is None
+
+
+def test_a_size_is_no_better_known_than_what_remains_allows() -> None:
+    """Within noise and tolerance it is chance; four times the noise's squares make it half as well known."""
+    fault = KNOWN["sensor_gain.accel.x"].as_fault
+    assert fault is not None
+    prior = fault.parameters[0].prior ** -2.0
+    for remains in (0.25, 1.0, 4.0):
+        square = 100.0 * remains + 30.0**2 / (1.0e4 + prior)
+        one = SpeedAgreement((fault,), np.zeros(1), np.array([[1.0e4, 30.0], [30.0, square]]), 100)
+        size = one.sizes([fault.key])[fault.key]
+        assert size.sigma == pytest.approx(max(1.0, remains) ** 0.5 * (1.0e4 + prior) ** -0.5)
+    assert AgreeingSize(0.3, 0.1).chance() == pytest.approx(2.0 * norm.sf(3.0))
+    assert AgreeingSize(0.3, 0.06).chance(0.1, 0.08) == pytest.approx(2.0 * norm.sf(2.0))
 
 
 def test_every_fault_is_of_these_instruments() -> None:
