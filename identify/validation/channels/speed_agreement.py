@@ -15,8 +15,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_erosion
-from scipy.stats import chi2
 
 from lacet.daq.channels import CHANNELS
 from lacet.identify.car.body_motion import body_motion
@@ -58,7 +56,7 @@ class AgreeingSize:
 
     def chance(self, expected: float = 0.0, tolerance: float = 0.0) -> float:
         """Probability that it is as far from `expected` by noise and a `tolerance`, 1 σ [SI]."""
-        return float(chi2.sf((self.value - expected) ** 2 / (self.sigma**2 + tolerance**2), 1))
+        return math.erfc(abs(self.value - expected) / math.sqrt(2.0 * (self.sigma**2 + tolerance**2)))
 
 
 @dataclass(frozen=True)
@@ -179,7 +177,10 @@ def _usable(recording: Recording, own: slice = slice(None)) -> NDArray[np.bool_]
     masks = [recording.usable.get(name, np.ones(recording.t.size, bool)) for name in _CHANNELS]
     filters = _filters(recording)
     beyond = math.ceil((filters.edge - recording.filters.edge) * filters.rate)
-    sound = binary_erosion(np.all(masks, axis=0), iterations=beyond) if beyond else np.all(masks, axis=0)
+    # Both ends of a run are a gap, too.
+    unusable = np.pad(~np.all(masks, axis=0), beyond, constant_values=True)
+    before = np.concatenate([[0], np.cumsum(unusable)])
+    sound = before[2 * beyond + 1 :] == before[: recording.t.size]
     inside = np.zeros(recording.t.size, bool)
     inside[own] = True
     return np.asarray((sound & inside)[comb(recording.t.size, filters)])
