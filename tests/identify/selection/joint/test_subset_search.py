@@ -470,17 +470,22 @@ def test_what_some_rows_want_changed_is_their_own_estimate_less_that_of_all(subs
         assert one.null.shape == (DRAWS,)
 
 
+def with_fault(subset: Joint, fault: Effect, others: Sequence[Effect]) -> tuple[Fit, Joint]:
+    """A fit with a sensor fault beside what was found, and that as effects found; `others` are tested beside them."""
+    base = subset.base
+    assert base is not None
+    fitted = base.with_effects([*subset.added, fault])
+    tests = ScoreTests.of(Linearisation.of(fitted, subset.space.floor.redrawn(fitted)), others, 0)
+    return fitted, beside_of(replace(subset, added=(*subset.added, fault), effects=(*subset.effects, fault)), tests)
+
+
 @pytest.mark.parametrize(("change", "stands"), [(0.1, True), (1.0, False)])
 def test_beside_a_rest_a_fault_that_rows_of_other_kinds_want_back_is_no_name(
     subset: Joint, monkeypatch: pytest.MonkeyPatch, change: float, stands: bool
 ):
     """And no other fault is tried in its place; a law of the car is."""
     fault, other = KNOWN["sensor_gain.hub.fl"], "sensor_gain.hub.rr"
-    base = subset.base
-    assert base is not None
-    fitted = base.with_effects([*subset.added, fault])
-    tests = ScoreTests.of(Linearisation.of(fitted, subset.space.floor.redrawn(fitted)), [KNOWN["coulomb.rear"]], 0)
-    joint = beside_of(replace(subset, added=(*subset.added, fault), effects=(*subset.effects, fault)), tests)
+    _, joint = with_fault(subset, fault, [KNOWN["coulomb.rear"]])
     rest = Rest.of(joint.space, joint.laws)
     assert without_denied_faults(joint, replace(rest, unlisted=()), 0)[0] is joint
     asked: list[object] = []
@@ -516,11 +521,7 @@ def test_a_fault_that_the_speed_sensor_denies_is_no_name(
     """Within a fifth of its size, or by the chance of either, it may differ. Other faults may be tried where nothing is
     unlisted."""
     fault, other = KNOWN["sensor_gain.accel.x"], "sensor_gain.hub.rr"
-    base = subset.base
-    assert base is not None
-    fitted = base.with_effects([*subset.added, fault])
-    tests = ScoreTests.of(Linearisation.of(fitted, subset.space.floor.redrawn(fitted)), [KNOWN["coulomb.rear"]], 0)
-    joint = beside_of(replace(subset, added=(*subset.added, fault), effects=(*subset.effects, fault)), tests)
+    fitted, joint = with_fault(subset, fault, [KNOWN["coulomb.rear"]])
     joint = replace(joint, sizes={fault.key: removed}, shown=frozenset({"sensor_position.imu.x"}))
     at = fitted.model.names.index(f"{fault.key}.g")
     known = float(np.sqrt(fitted.covariance[at, at] + fitted.covariance_sheet[at, at]))
@@ -550,11 +551,7 @@ def test_a_fault_that_the_speed_sensor_denies_is_no_name(
 
 def test_what_the_instruments_show_stands_whatever_rows_and_sizes_say(subset: Joint, monkeypatch: pytest.MonkeyPatch):
     fault = KNOWN["sensor_gain.hub.fl"]
-    base = subset.base
-    assert base is not None
-    fitted = base.with_effects([*subset.added, fault])
-    tests = ScoreTests.of(Linearisation.of(fitted, subset.space.floor.redrawn(fitted)), [], 0)
-    joint = beside_of(replace(subset, added=(*subset.added, fault), effects=(*subset.effects, fault)), tests)
+    _, joint = with_fault(subset, fault, [])
     joint = replace(joint, shown=frozenset({fault.key}))
     for name in ("_denied_by_rows", "_denied_by_speed"):
         monkeypatch.setattr(
