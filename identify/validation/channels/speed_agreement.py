@@ -34,7 +34,7 @@ _CUTOFF = 2.0
 """Frequency up to which the instruments are compared [Hz]: manoeuvres are below it, and the noise of the speed's
 derivative, which grows with frequency, biases sizes by a percent at 6 Hz."""
 _DRAWS = 8
-"""Simulated draws of noise behind the weights, known to about 2 %."""
+"""Simulated draws of noise behind the weights, known to some percent from a run of 20 s."""
 _MOST_REMAINING = 2.0
 """Squares that may remain with all faults as large as is plausible, ÷ those of the noise: with more the instruments do
 not measure the same motion, and nothing follows from how they differ."""
