@@ -588,22 +588,25 @@ def test_other_starts_begin_with_what_the_instruments_show(subset: Joint, monkey
 def test_a_search_begins_with_a_fault_that_the_speed_sensor_shows(
     fitted: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch, wrong: float
 ):
-    """Any fault will do for one; it is in the fit if it stands there."""
+    """Any fault will do for one; it is in the fit if it stands there, and if not it may be found later."""
     fault = KNOWN["sensor_gain.hub.rr"]
     assert isinstance(fault, SensorFault)
     record = recording_without_faults(with_all(HIDDEN), [fault], np.array([-wrong]))
     drive = fit_of(driven(record, 3), fitted)
     space = ScoreTests.of(Linearisation.of(drive, floor), [*LAWS, fault], 0)
-    begun: list[tuple[str, ...]] = []
+    begun: list[Joint] = []
     monkeypatch.setattr(
         "lacet.identify.selection.joint.rounds.SpeedAgreement",
         SimpleNamespace(of=lambda runs: SimpleNamespace(beyond_sheet=lambda significance: [fault])),
     )
     monkeypatch.setattr(
-        "lacet.identify.selection.joint.rounds.continued", lambda joint, *_: begun.append(joint.keys) or joint
+        "lacet.identify.selection.joint.rounds.continued", lambda joint, *_: begun.append(joint) or joint
     )
     found_together(space, 0)
-    assert begun == [(fault.key,) if wrong else ()]
+    (first,) = begun
+    assert first.keys == ((fault.key,) if wrong else ())
+    assert first.shown == {fault.key}
+    assert not first.dropped
 
 
 def test_a_removed_latency_has_its_column_where_nothing_else_is_tried(subset: Joint):
