@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -36,10 +36,14 @@ class DiskSpace:
 
     def put(self, arrays: Mapping[K, Array]) -> ArraysOnDisk[K]:
         """Write arrays, which are then no more needed in memory."""
+        return self.put_each(arrays.items())
+
+    def put_each(self, arrays: Iterable[tuple[K, Array]]) -> ArraysOnDisk[K]:
+        """Write arrays one after the other, as they are made."""
         places: dict[K, tuple[int, tuple[int, ...]]] = {}
         if self._end == 0:
             self._file = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as the arrays are wanted
-        for key, array in arrays.items():
+        for key, array in arrays:
             places[key] = self._end, array.shape
             self._write(np.ascontiguousarray(array, float))
         return ArraysOnDisk(self, places)
@@ -77,6 +81,10 @@ class ArraysOnDisk(Mapping[K, Array]):
 
     def __getitem__(self, key: K) -> Array:
         return self.space.read(*self.places[key])
+
+    def stretch(self, key: K, start: int, stop: int) -> Array:
+        """The values from index `start` up to `stop` of an array of one dimension."""
+        return self.space.read(self.places[key][0] + 8 * start, (stop - start,))
 
     def __iter__(self) -> Iterator[K]:
         return iter(self.places)

@@ -28,7 +28,7 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.validation.score import Comparison, compare
-from lacet.identify.validation.states import State, filtered, states_of
+from lacet.identify.validation.states import State, states_of
 from lacet.simulate import Hidden, exchange_run, find_car, make_manoeuvre
 from lacet.simulate import run as simulate_drive
 from lacet.simulate.vehicle_file import vehicle_text
@@ -190,7 +190,7 @@ def _signature(family: str, case: Case) -> Signature:
     row = max(ratio, key=lambda one: ratio[one])
     drive, score = fitted.runs[0], part.scores[row]
     state = state_of(drive.motion, row, case.state)
-    against = filtered(drive, row, state.series)
+    against = drive.decimated({row: state.series})[row]
     return Signature(
         row, score.unit, score.floor, part.t[row], left[row] / score.floor, state.name, state.unit, against
     )

@@ -23,9 +23,11 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.blocks import block_numbers
+from lacet.identify.validation.cross_validation import FOLDS, FoldSums, best, missed
 from lacet.identify.validation.noise_floor import NoiseFloor
 from lacet.identify.validation.projected_noise import Draws, refitted_draws
-from lacet.identify.validation.smooth_regressors import FOLDS, SHARES, ColumnMaker, best, blocked_losses
+from lacet.identify.validation.residual_samples import Samples
+from lacet.identify.validation.smooth_regressors import SHARES, ColumnMaker
 from lacet.identify.validation.states import ClearStates
 
 SIGNIFICANCE = 0.05
@@ -108,22 +110,21 @@ def explainable_residual(
     for rows in groups.values():
         progress(Step(Stage.EXPLAINABLE_RESIDUAL, len(found), sum(map(len, groups.values()))))
         # Rows with the same columns are predicted together: most of the work is in these.
-        names, blocks = clear.names(rows[0]), block_numbers(fitted.runs, rows[0])
-        having = [i for i, run in enumerate(fitted.runs) if rows[0] in run.index]
-        residual = [np.concatenate([fitted.residual[i][row] for i in having]) for row in rows]
-        null = [np.concatenate([draws[i][row] for i in having], axis=1) for row in rows]
-        targets = np.concatenate([np.stack([x, *drawn]) for x, drawn in zip(residual, null, strict=True)]).T
-        columns = maker.columns(rows[0], names)
-        present = blocked_losses(columns.present, targets, blocks)
-        both = [
-            blocked_losses(np.column_stack([columns.present, share * columns.history]), targets, blocks)
-            for share in SHARES
-        ]
-        losses = present[0], best(present), best(np.concatenate([present, *both]))
-        for k, (row, drawn) in enumerate(zip(rows, null, strict=True)):
-            own = slice(k * (1 + len(drawn)), (k + 1) * (1 + len(drawn)))
-            whole, least, more = (part[:, own] for part in losses)
-            found[row] = (whole, least, more, _rms(drawn), len(names))
+        names = clear.names(rows[0])
+        samples = Samples.of(fitted, draws, rows, maker.columns(rows[0], names))
+        sums = FoldSums.of(samples)
+        present = sums.ridges(np.arange(samples.columns.of.size))
+        weights = np.ones((len(SHARES), samples.columns.stored.size))
+        weights[:, samples.columns.of.size :] = np.array(SHARES)[:, None]
+        every = np.arange(samples.columns.stored.size)
+        more = best([present, *(sums.ridges(every, share) for share in weights)])
+        losses = missed(samples, [best([present])[1], more[1]], samples.blocks)
+        for row, place in samples.places.items():
+            whole, least, beyond = (part[:, place] for part in losses)
+            noise = float(
+                np.sqrt(np.sum(sums.squares[:, place][:, 1:]) / (sums.counts.sum() * (place.stop - place.start - 1)))
+            )
+            found[row] = (whole, least, beyond, noise, len(names))
     parts = {row: 1.0 - least.sum(axis=0) / all_.sum(axis=0) for row, (all_, least, *_) in found.items()}
     histories = {row: 1.0 - more.sum(axis=0) / least.sum(axis=0) for row, (_, least, more, *_) in found.items()}
     wholes = {row: all_.sum(axis=0) for row, (all_, *_) in found.items()}
@@ -188,7 +189,3 @@ def _spread(whole: Array, remaining: Array) -> float:
     ratio = float(remaining.sum() / whole.sum())
     count = whole.size
     return float(np.sqrt(count / (count - 1.0) * np.sum((remaining - ratio * whole) ** 2)) / whole.sum())
-
-
-def _rms(series: Array) -> float:
-    return float(np.sqrt(np.mean(series**2)))

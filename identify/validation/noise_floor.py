@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -116,9 +116,14 @@ class RunDraws:
         """(D, n) draws of a row."""
         if len(self.choice) == 1 and self.drawn == self.count:
             return self.series[row]
+        return next(self.some_at_once(row, self.count))
+
+    def some_at_once(self, row: Row, count: int) -> Iterator[Array]:
+        """`whole` in parts of at most `count` draws."""
         series, starts = self.series[row], np.concatenate([[0], self.ends[row][:-1]])
-        parts = zip(self.choice, starts, self.ends[row], strict=True)
-        return np.concatenate([series[choice, start:end] for choice, start, end in parts], axis=1)
+        for first in range(0, self.count, count):
+            parts = zip(self.choice[:, first : first + count], starts, self.ends[row], strict=True)
+            yield np.concatenate([series[choice, start:end] for choice, start, end in parts], axis=1)
 
     def piece(self, row: Row, start: int, end: int) -> tuple[Array, NDArray[np.intp]]:
         """Draws (d, m) of a row's samples from `start` to `end`, of one piece, and their choice (D,)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,10 +16,12 @@ from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.blocks import block_numbers
+from lacet.identify.validation.cross_validation import FOLDS, FoldSums
 from lacet.identify.validation.noise_floor import NoiseFloor
 from lacet.identify.validation.projected_noise import Draws, refitted_draws
+from lacet.identify.validation.residual_samples import Samples
 from lacet.identify.validation.score import Comparison
-from lacet.identify.validation.smooth_regressors import FOLDS, ColumnMaker, Columns, best, blocked_losses
+from lacet.identify.validation.smooth_regressors import ColumnMaker, Columns
 from lacet.identify.validation.states import ClearStates, filtered_states, states_of
 
 BIN = 0.5
@@ -178,12 +180,10 @@ def followed_states(
         if not names or np.unique(blocks).size < 2 * FOLDS:
             continue
         residual = np.concatenate([fitted.residual[i][row] for i in having])
-        targets = np.column_stack([residual, np.concatenate([draws[i][row] for i in having], axis=1).T])
         columns = maker.columns(row, names)
-        parts: list[Array] = []
-        for k in range(len(names)):
-            losses = blocked_losses(columns.present[:, _beside(columns, k)], targets, blocks)
-            parts.append(1.0 - best(losses).sum(axis=0) / losses[0].sum(axis=0))
+        sums = FoldSums.of(Samples.of(fitted, draws, [row], columns))
+        squares = [sums.ridges(_beside(columns, k)).squares for k in range(len(names))]
+        parts = [1.0 - least.min(axis=0) / least[0] for least in squares]
         largest = np.max([part[1:] for part in parts], axis=0)
         rms = float(np.sqrt(np.mean(residual**2)))
         states = states_of(fitted.runs[having[0]].kept_motion, row)
@@ -239,22 +239,31 @@ def against_states(
     measured = np.concatenate([residual[i][row] for i in having])
     blocks = block_numbers([runs[i] for i in having], row)
     clean = clear.names(row) if clear else ()
-    columns = ColumnMaker(clear, history=False).columns(row, clean) if clear and clean else None
     wanted = shared if names is None else [name for name in names if name in shared]
+    restored = dict[str, Array]()
+    if clear and (again := [name for name in wanted if name in clean]):
+        columns = ColumnMaker(clear, history=False).columns(row, clean)
+        restored = dict(zip(again, _put_back(measured, columns, [clean.index(name) for name in again]), strict=True))
     series = [filtered_states(runs[i], row, wanted) for i in having]
     out: dict[str, Against] = {}
     for name in wanted:
         values = np.concatenate([found[name] for found in series])
-        shown = measured if columns is None or name not in clean else _put_back(measured, columns, clean.index(name))
+        shown = restored.get(name, measured)
         mean = conditional_mean(values, shown, blocks, name, each[0][name].unit)
-        out[name] = Against(row, row.unit, values, shown, mean, shown is not measured)
+        out[name] = Against(row, row.unit, values, shown, mean, name in restored)
     return out
 
 
-def _put_back(residual: Array, columns: Columns, k: int) -> Array:
-    """The residual without the change of the model's own lines that a smooth function of a state brings about."""
-    places = _beside(columns, k)
-    lines = int(np.count_nonzero(columns.of[places] != k))
-    A = columns.present[:, places]
-    x = np.linalg.solve(A.T @ A + 1e-4 * len(A) * np.eye(places.size), A.T @ residual)
-    return residual - A[:, :lines] @ x[:lines]
+def _put_back(residual: Array, columns: Columns, states: Sequence[int]) -> Iterator[Array]:
+    """For each state the residual without the change of the model's own lines that its smooth functions bring about."""
+    m = columns.stored.size
+    gram, moments, begin = np.zeros((m, m)), np.zeros(m), 0
+    for A in columns.stretches():
+        gram += A.T @ A
+        moments += A.T @ residual[begin : (begin := begin + len(A))]
+    for k in states:
+        places = _beside(columns, k)
+        lines = int(np.count_nonzero(columns.of[places] != k))
+        ridge = 1e-4 * residual.size * np.eye(places.size)
+        x = np.linalg.solve(gram[np.ix_(places, places)] + ridge, moments[places])
+        yield residual - np.concatenate([A @ x[:lines] for A in columns.stretches(places[:lines])])

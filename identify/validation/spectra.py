@@ -20,11 +20,13 @@ from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.noise_floor import NoiseFloor
-from lacet.identify.validation.states import ClearStates, filtered
+from lacet.identify.validation.states import ClearStates
 
 SEGMENT = 4.0
 """Length of a segment [s]: a resolution of about 0.4 Hz with its taper."""
 SIGNIFICANCE = 0.05
+_DRAWS_TOGETHER = 16
+"""Number of simulated residuals whose segments are in memory at once."""
 _OVERLAP = 1.0 / 36.0
 """Squared correlation of the power in Hann-tapered segments that overlap by half."""
 
@@ -92,33 +94,34 @@ def row_spectrum(
     names = clear.names(row)
     found: list[NDArray[np.complex128]] = []
     counts: list[int] = []
-    spacing = 1.0
+    noise: list[Array] = []
+    spacing, length = 1.0, 8
     for i, run in enumerate(fitted.runs):
         if row not in run.index:
             continue
         filters = run.recording.filters
         spacing = filters.step / filters.rate
-        states = clear.blurred(i, row, names)
-        stacked = np.stack([states[name].series for name in names]) if names else np.zeros((0, run.recording.t.size))
-        series = np.concatenate([fitted.residual[i][row][None], floor.draws[i].whole(row), filtered(run, row, stacked)])
-        place = run.index[row] // filters.step
-        lines = _segments(series, place, max(8, 2 * round(segment / spacing / 2.0)), spacing)
+        length = max(8, 2 * round(segment / spacing / 2.0))
+        series = np.concatenate([fitted.residual[i][row][None], clear.filtered(i, row, names)])
+        lines = _segments(series, place := run.kept(row), length, spacing)
         found.append(lines)
         counts.append(lines.shape[0])
+        each = floor.draws[i].some_at_once(row, _DRAWS_TOGETHER)
+        powers = [np.sum(np.abs(_segments(some, place, length, spacing)) ** 2, axis=0) for some in each]
+        noise.append(np.concatenate(powers))
     total = sum(counts)
     if total < 3:
         return None
     lines = np.concatenate(found)
     cutoff = fitted.runs[0].recording.filters.fit_cutoff
-    length = max(8, 2 * round(segment / spacing / 2.0))
     frequency = np.asarray(np.fft.rfftfreq(length, spacing)[1:], float)
     keep = frequency <= cutoff
     frequency, lines = frequency[keep], lines[:, :, 1:][:, :, keep]
+    draws = np.asarray(sum(noise), float)[:, 1:][:, keep] / total
     power = np.asarray(np.mean(np.abs(lines) ** 2, axis=0), float)
-    draws = power[1 : 1 + floor.count]
-    own, states_ = lines[:, 0], lines[:, 1 + floor.count :]
+    own, states_ = lines[:, 0], lines[:, 1:]
     cross = np.mean(np.conj(own)[:, None] * states_, axis=0)
-    coherence = np.asarray(np.abs(cross) ** 2, float) / np.maximum(power[0] * power[1 + floor.count :], 1e-300)
+    coherence = np.asarray(np.abs(cross) ** 2, float) / np.maximum(power[0] * power[1:], 1e-300)
     segments = sum(n * n / (n + 2.0 * (n - 1) * _OVERLAP) for n in counts if n)
     tests = frequency.size * max(1, len(names))
     order = np.argsort(-(coherence @ power[0])) if names else np.zeros(0, np.intp)

@@ -3,22 +3,24 @@
 A state is a measured quantity that a missing force could depend on: travel and its rate, the difference across the
 axle, tyre deflection, steer, accelerations, speed. Those of the row's own corner come first, then those of its axle,
 then those of the body. Series are at full rate, as the motion is; for a comparison with a residual they are filtered
-as the residual is (`filtered`), functions of them too: the function first, then the filter.
+as the residual is, functions of them too: the function first, then the filter.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lacet.daq.channels import CORNERS
+from lacet.daq.set_aside import ArraysOnDisk, DiskSpace, JoinedOnDisk
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import CornerMotion, Motion
 from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.signals.decimation import decimated
 from lacet.identify.signals.filters import zero_phase_of
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals
@@ -88,7 +90,7 @@ def _corner(motion: Motion, corner: str, kind: str) -> list[State]:
         State("deflection rate", "m/s", OWN, own.deflection_rate, velocity=True),
         State("steer", "rad", OWN, own.steer),
         State("camber", "rad", OWN, own.camber),
-        State("vertical wheel load", "N", OWN, own.force[2], in_left_side=kind in ("suspension", "tyre")),
+        State(_WHEEL_LOAD, "N", OWN, own.force[2], in_left_side=kind in _WITH_WHEEL_LOAD),
         State("longitudinal wheel force", "N", OWN, own.force[0]),
         State("lateral wheel force", "N", OWN, own.force[1]),
         State("wheel speed", "rad/s", OWN, own.spin, velocity=True),
@@ -98,10 +100,14 @@ def _corner(motion: Motion, corner: str, kind: str) -> list[State]:
 
 
 def _body_seen_at_a_corner(motion: Motion) -> list[State]:
-    return [s for s in _body(motion) if s.name not in ("front steer", *_MODES)]
+    return [s for s in _body(motion) if s.name not in _BODY_ALONE]
 
 
 _MODES = ("heave", "roll of the wheels", "pitch of the wheels", "warp")
+_BODY_ALONE = ("front steer", *_MODES)
+"""States of the body that rows of a corner do not have."""
+_WHEEL_LOAD, _WITH_WHEEL_LOAD = "vertical wheel load", ("suspension", "tyre")
+"""The state that the left sides of these kinds of rows are computed from."""
 _SIGNS = np.array([[1, 1, 1, 1], [1, -1, 1, -1], [-1, -1, 1, 1], [1, -1, -1, 1]]) / 4.0
 
 
@@ -133,11 +139,6 @@ def _stacked(corners: Sequence[CornerMotion], part: str) -> Array:
     return np.stack([np.asarray(getattr(corner, part), float) for corner in corners])
 
 
-def filtered(run: PreparedRun, row: Row, series: Array) -> Array:
-    """(…, n): full-rate series (…, N) through the parallel filter, at the samples of the row's residual."""
-    return run.decimated({row: series})[row]
-
-
 def filtered_states(run: PreparedRun, row: Row, names: Sequence[str]) -> dict[str, Array]:
     """Name → (n,) states of a row through the parallel filter, at the samples of the row's residual."""
 
@@ -162,74 +163,116 @@ class ClearStates:
 
     def __init__(self, runs: Sequence[PreparedRun], seed: int = 0):
         self.runs, self._seed = tuple(runs), seed
-        self._noisy: dict[int, Motion] = {}
-        self._known: dict[tuple[int, str], dict[str, tuple[State, Array]]] = {}
+        self._made: dict[int, _StatesOnDisk] = {}
+        self._names: dict[Row, tuple[str, ...]] = {}
 
     def names(self, row: Row) -> tuple[str, ...]:
         """Names of a row's states, nearest first."""
+        if row not in self._names:
+            self._names[row] = tuple(self._clear(row))
+        return self._names[row]
+
+    def _clear(self, row: Row) -> Iterator[str]:
         having = [i for i, run in enumerate(self.runs) if row in run.index]
-        if not having:
-            return ()
-        each = [self._states(i, row) for i in having]
-        names = [n for n, (s, _) in each[0].items() if not s.in_left_side and all(n in other for other in each)]
-        if not names:
-            return ()
-        values = [np.stack([states[n][0].series for n in names]) for states in each]
-        noise = [np.stack([states[n][1] for n in names]) for states in each]
-        both = [
-            filtered(self.runs[i], row, np.concatenate(pair))
-            for i, pair in zip(having, zip(values, noise, strict=True), strict=True)
-        ]
-        value, own = np.split(np.concatenate(both, axis=1), 2)
-        total = value.var(axis=1)
-        return tuple(
-            n for n, v, all_ in zip(names, own.var(axis=1), total, strict=True) if all_ > 0.0 and v <= NOISY * all_
-        )
+        each = [self._of(i) for i in having]
+        for key in each[0].of_row(row) if each else ():
+            if (row.kind in _WITH_WHEEL_LOAD and key[1] == _WHEEL_LOAD) or not all(key in run.states for run in each):
+                continue
+            parts = [run.filtered(key)[:, self.runs[i].kept(row)] for i, run in zip(having, each, strict=True)]
+            total, noise = np.concatenate(parts, axis=1).var(axis=1)
+            if total > 0.0 and noise <= NOISY * total:
+                yield key[1]
 
-    def blurred(self, run: int, row: Row, names: Sequence[str]) -> dict[str, State]:
-        """Some of a row's states on one of the runs, with noise added."""
-        states = self._states(run, row)
-        return {n: replace(states[n][0], series=states[n][0].series + BLUR * states[n][1]) for n in names}
+    def blurred(self, run: int, row: Row, name: str) -> State:
+        """One of a row's states on one of the runs, with noise added."""
+        made = self._of(run)
+        return made.blurred(made.of_name(row, name))
 
-    def _states(self, run: int, row: Row) -> dict[str, tuple[State, Array]]:
-        """States of a row and one draw of their noise, low-pass filtered as the fit is."""
-        key = run, "chassis" if row.corner is None else row
-        if key not in self._known:
-            # At full rate: of a long run only those of the row asked for last.
-            self._known = {k: states for k, states in self._known.items() if not self.runs[k[0]].is_long or k[0] != run}
-            self._known[key] = self._made(run, row)
-        return self._known[key]
+    def filtered(self, run: int, row: Row, names: Sequence[str]) -> Array:
+        """(…, n) some of a row's states with noise added, through the parallel filter, at the row's samples."""
+        made, kept = self._of(run), self.runs[run].kept(row)
+        found = [np.array([1.0, BLUR]) @ made.filtered(made.of_name(row, name))[:, kept] for name in names]
+        return np.stack(found) if found else np.zeros((0, kept.size))
 
-    def _made(self, run: int, row: Row) -> dict[str, tuple[State, Array]]:
-        # What stands still in one piece may move in another: the whole run decides.
-        series: dict[str, list[Array]] = {}
-        noise: dict[str, list[Array]] = {}
-        states: dict[str, State] = {}
-        for number, (piece, own) in enumerate(self.runs[run].every_piece()):
-            before = {state.name: state for state in _every_state(piece.motion, row)}
-            after = {state.name: state.series for state in _every_state(self._with_noise(run, number, piece), row)}
-            moved = np.stack([after[name] - state.series for name, state in before.items()])
+    def _of(self, run: int) -> _StatesOnDisk:
+        if run not in self._made:
+            self._made[run] = _StatesOnDisk.of(self.runs[run], [self._seed, 11, run])
+        return self._made[run]
+
+
+_Key = tuple[str, str]
+"""Corner, empty for the body, and name of a state."""
+
+
+@dataclass(frozen=True)
+class _StatesOnDisk:
+    """The states of a run that move, each with one draw of its noise through the parallel filter, on disk.
+
+    `states` : without their series; `full` : state → (2, N) series and noise at full rate; `combed` : state → (2, n)
+    both through the parallel filter, at the instants of `PreparedRun.comb`.
+    """
+
+    states: Mapping[_Key, State]
+    full: JoinedOnDisk[_Key]
+    combed: ArraysOnDisk[_Key]
+
+    @classmethod
+    def of(cls, run: PreparedRun, seed: Sequence[int]) -> _StatesOnDisk:
+        """The states of all rows of a run, made in one pass over its pieces."""
+        corners = list(dict.fromkeys(row.corner or "" for row in run.rows))
+        parts: list[ArraysOnDisk[_Key]] = []
+        ranges: dict[_Key, Array] = {}
+        states: dict[_Key, State] = {}
+        space = DiskSpace()
+        for number, (piece, own) in enumerate(run.every_piece()):
+            before = dict(_by_key(piece.motion, corners))
+            noisy = _with_noise(piece.recording, [*seed, *([number] if number else [])])
+            moved = np.stack([state.series - before[key].series for key, state in _by_key(noisy, corners)])
             there = np.all(np.isfinite(moved), axis=1)
             moved[there] = zero_phase_of(moved[there], piece.recording.filters)
-            for (name, state), one in zip(before.items(), moved, strict=True):
-                states[name] = state
-                series.setdefault(name, []).append(state.series[own])
-                noise.setdefault(name, []).append(one[own])
-        whole = {name: (np.concatenate(series[name]), np.concatenate(noise[name])) for name in states}
-        return {
-            name: (replace(states[name], series=values), own)
-            for name, (values, own) in whole.items()
-            if _moves(values) and np.all(np.isfinite(own))
-        }
+            both = {
+                key: np.stack([state.series[own], one[own]])
+                for (key, state), one in zip(before.items(), moved, strict=True)
+            }
+            parts.append(space.put(both))
+            for key, pair in both.items():
+                found = np.stack([pair.min(axis=1), pair.max(axis=1)])
+                known = ranges.get(key, found)
+                ranges[key] = np.stack([np.minimum(known[0], found[0]), np.maximum(known[1], found[1])])
+            states = {key: replace(state, series=np.zeros(0)) for key, state in before.items()}
+        # What stands still in one piece may move in another: the whole run decides.
+        moving = {key: states[key] for key, ends in ranges.items() if np.isfinite(ends).all() and np.ptp(ends[:, 0])}
+        full = JoinedOnDisk(parts)
+        combed = space.put_each((key, decimated(full[key], run.recording.filters)) for key in moving)
+        return cls(moving, full, combed)
 
-    def _with_noise(self, run: int, number: int, piece: PreparedRun) -> Motion:
-        """The motion of a piece of a run with one more draw of the sensor sheet's noise; kept for a whole run."""
-        if run in self._noisy:
-            return self._noisy[run]
-        motion = _with_noise(piece.recording, [self._seed, 11, run, *([number] if number else [])])
-        if not self.runs[run].is_long:
-            self._noisy[run] = motion
-        return motion
+    def of_row(self, row: Row) -> list[_Key]:
+        """The states that belong to a row, nearest first."""
+        own = [key for key in self.states if row.corner and key[0] == row.corner]
+        return own + [key for key in self.states if not key[0] and not (row.corner and key[1] in _BODY_ALONE)]
+
+    def of_name(self, row: Row, name: str) -> _Key:
+        """The state of a name that belongs to a row."""
+        own = (row.corner or "", name)
+        return own if own in self.states else ("", name)
+
+    def blurred(self, key: _Key) -> State:
+        """A state with noise added."""
+        series, noise = self.full[key]
+        return replace(self.states[key], series=series + BLUR * noise)
+
+    def filtered(self, key: _Key) -> Array:
+        """(2, n) a state and its noise through the parallel filter."""
+        return self.combed[key]
+
+
+def _by_key(motion: Motion, corners: Iterable[str]) -> Iterator[tuple[_Key, State]]:
+    """The states of corners and of the body."""
+    for corner in corners:
+        for state in _corner(motion, corner, "") if corner else ():
+            yield (corner, state.name), state
+    for state in _body(motion):
+        yield ("", state.name), state
 
 
 def _with_noise(recording: Recording, seed: Sequence[int]) -> Motion:

@@ -25,6 +25,13 @@ def test_arrays_are_read_as_they_were_put():
             np.testing.assert_array_equal(found[key], array)
 
 
+def test_a_stretch_is_read_alone():
+    series = RNG.standard_normal(20)
+    stored = DiskSpace().put_each([("first", np.zeros(3)), ("series", series)])
+    np.testing.assert_array_equal(stored.stretch("series", 4, 11), series[4:11])
+    assert stored.stretch("series", 20, 20).size == 0
+
+
 def test_parts_are_joined_and_one_that_lacks_an_array_has_no_samples_of_it():
     space = DiskSpace()
     joined = JoinedOnDisk([space.put(FIRST), space.put(SECOND)])

@@ -24,7 +24,7 @@ from lacet.identify.validation.noise_floor import NoiseFloor, RunDraws, floor_of
 from lacet.identify.validation.projected_noise import Draws, refitted_draws
 from lacet.identify.validation.residual_map import conditional_mean, followed_states
 from lacet.identify.validation.restoring_force import restoring_surfaces, surface
-from lacet.identify.validation.smooth_regressors import FOLDS, RIDGE, ColumnMaker, blocked_losses
+from lacet.identify.validation.smooth_regressors import ColumnMaker
 from lacet.identify.validation.spectra import _level, _segments, row_spectrum
 from lacet.identify.validation.states import BLUR, ClearStates, states_of
 from lacet.services.render.rows import explainable
@@ -137,21 +137,6 @@ def test_the_total_force_is_model_and_residual(base: Fit, fitted: Fit):
     assert less.scatter > 5.0 * more.scatter
 
 
-def test_a_prediction_is_made_from_the_other_folds():
-    rng = np.random.default_rng(2)
-    columns, targets = rng.standard_normal((120, 7)), rng.standard_normal((120, 3))
-    blocks = np.repeat(np.arange(12), 10)
-    losses = blocked_losses(columns, targets, blocks)
-    assert losses.shape == (1 + len(RIDGE), 12, 3)
-    test = blocks % FOLDS == 1
-    A, b = columns[~test], targets[~test]
-    for k, ridge in enumerate(RIDGE):
-        x = np.linalg.solve(A.T @ A + ridge * len(A) * np.eye(7), A.T @ b)
-        expected = np.sum((targets[blocks == 6] - columns[blocks == 6] @ x) ** 2, axis=0)
-        assert losses[1 + k, 6] == pytest.approx(expected)
-    assert losses[0, 6] == pytest.approx(np.sum(targets[blocks == 6] ** 2, axis=0))
-
-
 def test_rows_with_the_same_columns_are_predicted_as_one_by_one(
     fitted: Fit, floor: NoiseFloor, clear: ClearStates, draws: Draws
 ):
@@ -199,12 +184,14 @@ def test_states_are_blurred_by_their_own_noise(fitted: Fit, clear: ClearStates):
     names = clear.names(row)
     assert {"travel", "travel rate", "travel difference across the axle", "lateral acceleration"} <= set(names)
     assert "vertical wheel load" not in names  # the row's left side is made of it
-    plain, blurred = states_of(drive.motion, row), clear.blurred(0, row, names)
-    moved = zero_phase_of(blurred["travel"].series - plain["travel"].series, drive.recording.filters)
+    plain, blurred = states_of(drive.motion, row)["travel"], clear.blurred(0, row, "travel")
+    moved = zero_phase_of(blurred.series - plain.series, drive.recording.filters)
     rig = drive.recording.rig
     rate = drive.recording.rates["laser.fl.hub"]
     expected = BLUR * rig.noise("laser.fl.hub") * np.sqrt(drive.recording.filters.fit_cutoff / (0.5 * rate))
     assert np.std(moved) == pytest.approx(expected, rel=0.2)
+    through = drive.decimated({row: np.stack([clear.blurred(0, row, name).series for name in names])})[row]
+    np.testing.assert_allclose(clear.filtered(0, row, names), through, rtol=1e-9, atol=1e-12)
 
 
 def test_missing_bars_are_left_to_explain(base: Fit, clear: ClearStates):
