@@ -194,7 +194,7 @@ def diagnose_runs(
     if not rest.unlisted:
         found = [_as_found(joint, effect, first.draws) for effect in joint.effects]
         changing = _not_constant(joint, rest, found, progress)
-        doubted = changing or with_unlisted_rivals(joint, progress)
+        doubted = changing or with_unlisted_rivals(joint, seed, progress)
         if doubted:
             without, rows = _without_doubted(joint, doubted, seed, progress)
             # What an unlisted law does better was found, however small it is; what changes is declared without a rest.

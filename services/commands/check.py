@@ -29,7 +29,7 @@ from lacet.services.workspace.results import scores
 from lacet.services.workspace.rig_text import with_latencies
 from lacet.services.workspace.study import Study
 
-HELP = "check the sensors' noise, latencies and position against the rig file, and the fit for bias by noise"
+HELP = "check the sensors against the rig file and each other, and the fit for bias by noise"
 DESCRIPTION = """\
 Check from ordinary runs whether the sensors are as the rig file says, by five questions:
 

@@ -7,12 +7,16 @@ families, of the largest margin over the grammar) and by more than laws in a mod
 explains no more than chance beside it. Laws found together need no test of their own: what explains more than a set of
 laws explains more than each, too, beside the others.
 
+All that is without the noise in the columns, which is not known of a grammar's laws, and a law with much of it explains
+too little. So noise is drawn in the columns of the two, and with it taken off the rival must explain more, too.
+
 Source: as of `encompassing`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import accumulate, pairwise
 
 import numpy as np
@@ -20,7 +24,9 @@ import numpy as np
 from lacet.identify.effects.base import AXLES
 from lacet.identify.effects.language.compiled import OneLine
 from lacet.identify.progress import Progress, Stage, Step, silent
-from lacet.identify.selection.joint.refits import Joint
+from lacet.identify.selection.columns.linearisation import Linearisation
+from lacet.identify.selection.joint.refits import Joint, less
+from lacet.identify.selection.joint.shape_constants import fall_of
 from lacet.identify.selection.laws.encompassing import Standing, beyond_chance_of, kinds_of
 from lacet.identify.selection.laws.formulas import laws_at
 from lacet.identify.selection.laws.names import catalogue_names, key_of, with_closer_constants
@@ -32,7 +38,7 @@ from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 
 
-def with_unlisted_rivals(joint: Joint, progress: Progress = silent) -> frozenset[str]:
+def with_unlisted_rivals(joint: Joint, seed: int = 0, progress: Progress = silent) -> frozenset[str]:
     """Keys of the laws found in whose place a law of no catalogue is a better answer."""
     space, stands = without_noise(joint.space), beyond_chance_of(joint.space)
     found = [law for law in added_laws(space) if law.key in joint.keys]
@@ -44,7 +50,18 @@ def with_unlisted_rivals(joint: Joint, progress: Progress = silent) -> frozenset
     ]
     names = catalogue_names(joint.first, [rival for _, rival in rivals]) if rivals else {}
     # One that is listed was a rival in the search.
-    return frozenset(key for key, rival in rivals if not names[key_of(rival)])
+    unlisted = [(key, rival) for key, rival in rivals if not names[key_of(rival)]]
+    return frozenset(key for key, rival in unlisted if _is_better_without_noise(joint, key, rival, seed, progress))
+
+
+def _is_better_without_noise(joint: Joint, key: str, rival: OneLine, seed: int, progress: Progress) -> bool:
+    """Whether a law in the place of one found is a better answer with the noise in the columns of both taken off."""
+    (found,) = (effect for effect in joint.effects if effect.key == key)
+    known = joint.space.linearisation
+    plain = replace(Linearisation.of(less(joint, {key}).fit, known.floor), latencies=known.latencies)
+    space = ScoreTests.of(plain, [found, rival], seed, progress=progress)
+    own = fall_of(space, [found])
+    return _is_clearly_more(fall_of(space, [rival]) - own, own)
 
 
 def _by_place(laws: Sequence[AddedLaw], where: Mapping[str, str]) -> dict[tuple[str, str], list[AddedLaw]]:
@@ -98,8 +115,12 @@ def _over(
 def _is_better(one: Best, stands: Standing) -> bool:
     """Whether a law is a better answer than the law that it is in the place of."""
     assert one.place is not None
-    inexact = SELECTION.selected_inexactness**2 * one.place.fall
-    if one.margin <= max(SELECTION.least_refinement_fall, inexact) or one.p > SELECTION.level(one.draws):
+    if not _is_clearly_more(one.margin, one.place.fall) or one.p > SELECTION.level(one.draws):
         return False
     beside = one.place.given(np.array([one.place.k]))
     return not stands(beside.fall, beside.null)
+
+
+def _is_clearly_more(margin: float, fall: float) -> bool:
+    """Whether a margin over a law's own fall is more than noise makes, and than a law in a model may be inexact."""
+    return margin > max(SELECTION.least_refinement_fall, SELECTION.selected_inexactness**2 * fall)

@@ -29,7 +29,8 @@ from tests.identify.exact_car import KNOWN, MODEL, VEHICLE, driven, exact, fit_o
 
 GROOVE = one_line_effects("hidden = suspension.front: p * tanh(abs(travel)/s0)*rate, s0 = 10 mm", VEHICLE, "hub")[0]
 OF_LOAD = one_line_effects("hidden = suspension.front: p * load*tanh(rate/v0), v0 = 15 mm/s", VEHICLE, "hub")[0]
-STROKE, BAR, FRICTION = KNOWN["damper_stroke_symmetric.front"], KNOWN["anti_roll_bar.front"], KNOWN["coulomb.front"]
+STROKE, BAR = KNOWN["damper_stroke_symmetric.front"], KNOWN["anti_roll_bar.front"]
+FRICTION = replace(KNOWN["coulomb.front"], shape={"v0": 0.005})
 CANDIDATES = [STROKE, BAR, FRICTION, KNOWN["damper_stroke.front"], KNOWN["spring_cubic.front"]]
 
 
@@ -76,6 +77,16 @@ def test_laws_that_are_there_stay(laws: list[tuple[Effect, float]], floor: Noise
     """Whatever six hundred laws of no catalogue explain in their place."""
     joint = found_as(car_with(*laws, seed=2), [law for law, _ in laws], floor)
     assert not with_unlisted_rivals(joint)
+
+
+def test_a_rival_must_explain_more_with_the_noise_in_the_columns_taken_off(
+    groove_and_bar: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch
+):
+    """A law that has much of it may explain less than a rival with little where it is not taken off."""
+    monkeypatch.setattr(unlisted_rivals, "_is_better", lambda one, stands: True)
+    stroke = found_as(car_with((STROKE, 3e5), seed=2), [STROKE], floor)
+    assert not with_unlisted_rivals(stroke)
+    assert STROKE.key in with_unlisted_rivals(found_as(groove_and_bar, [STROKE, BAR], floor))
 
 
 def test_a_law_of_the_catalogue_takes_no_name_away(floor: NoiseFloor):
