@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from lacet.daq.set_aside import DiskSpace, JoinedOnDisk
 from lacet.identify.car.manoeuvre_phases import PHASES, SHORTEST, phases_of
 from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
@@ -140,7 +141,7 @@ def test_the_total_force_is_model_and_residual(base: Fit, fitted: Fit):
 def test_rows_with_the_same_columns_are_predicted_as_one_by_one(
     fitted: Fit, floor: NoiseFloor, clear: ClearStates, draws: Draws
 ):
-    """Of a corner's rows those with other samples than the rest have columns of their own."""
+    """Of a corner's rows those with other samples than the rest have columns of their own. Draws may be in pieces."""
     first, second = Row.parse("suspension.fl"), Row.parse("tyre.fl")
     run = fitted.runs[0]
     shorter = PreparedRun(run.recording, index={**run.index, second: run.index[second][5:]})
@@ -152,9 +153,15 @@ def test_rows_with_the_same_columns_are_predicted_as_one_by_one(
         patch.setattr(ColumnMaker, "group", lambda self, row, names: row)
         alone = explainable_residual(fitted, floor, clear, draws)
     assert list(together) == [row for row in fitted.rows if row in alone]
+    space, ends = DiskSpace(), (slice(150), slice(150, None))
+    parted = explainable_residual(fitted, floor, clear, tuple(
+        JoinedOnDisk([space.put({row: drawn[row][:, part] for row in drawn}) for part in ends])
+        for drawn in draws
+    ))  # fmt: skip
     for row, (_, unit, *numbers) in ((row, astuple(one)) for row, one in together.items()):
         assert unit == row.unit
-        np.testing.assert_allclose(numbers, astuple(alone[row])[2:], rtol=1e-7, atol=1e-9, err_msg=str(row))
+        for other in (alone, parted):
+            np.testing.assert_allclose(numbers, astuple(other[row])[2:], rtol=1e-7, atol=1e-9, err_msg=str(row))
 
 
 def test_a_fit_takes_away_what_its_parameters_can(fitted: Fit, floor: NoiseFloor):
@@ -296,6 +303,28 @@ def test_a_state_at_rest_in_one_piece_of_a_run_is_one_of_the_run(
     assert max(found) == 3
     assert "steer" in whole
     assert pieces == whole
+
+
+def test_columns_of_a_run_in_pieces_are_those_of_the_whole(
+    drives: dict[str, PreparedRun], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording, row = drives["rough"].recording, Row.parse("suspension.fl")
+    monkeypatch.setattr("lacet.identify.validation.states.draw_noise", _no_noise)
+    found: dict[int, tuple[Array, Array]] = {}
+    for piece in (1e3, recording.t[-1] / 3.0):
+        monkeypatch.setattr("lacet.identify.regression.prepared_run.PIECE", piece)
+        run = PreparedRun(recording)
+        clear = ClearStates([run])
+        columns = ColumnMaker(clear).columns(row, clear.names(row))
+        every = np.concatenate(list(columns.stretches()))
+        np.testing.assert_array_equal(columns.stretch(0, 5, 9, columns.lines), every[5:9, columns.lines])
+        found[run.piece_count] = every, columns.of
+    (whole, of), (pieces, of_pieces) = found.values()
+    assert max(found) == 3
+    assert whole.shape[1] > of.size  # the history is behind them
+    np.testing.assert_array_equal(of, of_pieces)
+    np.testing.assert_allclose(np.sqrt(np.mean(whole**2, axis=0)), 1.0, rtol=1e-9)
+    np.testing.assert_allclose(pieces, whole, rtol=1e-9, atol=1e-9)
 
 
 def _no_noise(recording: Recording, names: Iterable[str], rng: np.random.Generator) -> dict[str, Array]:
