@@ -24,6 +24,7 @@ from lacet.identify.validation.explainable_residual import explainable_residual
 from lacet.identify.validation.noise_floor import NoiseFloor, RunDraws, floor_of
 from lacet.identify.validation.projected_noise import Draws, refitted_draws
 from lacet.identify.validation.residual_map import conditional_mean, followed_states
+from lacet.identify.validation.residual_samples import Samples
 from lacet.identify.validation.restoring_force import restoring_surfaces, surface
 from lacet.identify.validation.smooth_regressors import ColumnMaker
 from lacet.identify.validation.spectra import _level, _segments, row_spectrum
@@ -153,6 +154,12 @@ def test_rows_with_the_same_columns_are_predicted_as_one_by_one(
         patch.setattr(ColumnMaker, "group", lambda self, row, names: row)
         alone = explainable_residual(fitted, floor, clear, draws)
     assert list(together) == [row for row in fitted.rows if row in alone]
+    samples = Samples.of(fitted, draws, [first], ColumnMaker(clear).columns(first, clear.names(first)))
+    np.testing.assert_array_equal(np.concatenate([s.blocks for s in samples]), samples.numbers)
+    assert np.all(np.diff(samples.numbers) >= 0)
+    for run, part in zip(fitted.runs, floor.draws, strict=True):
+        if first in run.index:
+            np.testing.assert_array_equal(np.concatenate(list(part.some_at_once(first, 7))), part.whole(first))
     space, ends = DiskSpace(), (slice(150), slice(150, None))
     parted = explainable_residual(fitted, floor, clear, tuple(
         JoinedOnDisk([space.put({row: drawn[row][:, part] for row in drawn}) for part in ends])
