@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.vehicle import Vehicle
@@ -90,13 +91,15 @@ def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[
     table = corner_numbers(fitted)
     x = table @ fitted.physics
     names, units, values = _values(x, vehicle)
-    by_number = _jacobian(x, vehicle)
-    slopes = _by_parameter(by_number, table)
     rows = rows_unseen(fitted)
     unseen = np.array([row is not None for row in rows])
+    # What no parameter moves and no row could show stays as it is: no value has a slope by it.
+    free = unseen | np.any(table != 0.0, axis=1)
+    by_number = _jacobian(x, vehicle, free)
+    slopes = _by_parameter(by_number, table)
     # At zero, which an unseen rate is, a frequency has no slope: what depends on it is found away from there.
     at_zero = unseen & (x == 0.0)
-    shown = _jacobian(np.where(at_zero, 1.0, x), vehicle) if at_zero.any() else by_number
+    shown = _jacobian(np.where(at_zero, 1.0, x), vehicle, unseen) if at_zero.any() else by_number
     moved = (np.abs(shown) > 0.0) & unseen
     usable = np.isfinite(values) & np.all(np.isfinite(slopes), axis=1)
     finite = np.where(usable[:, None], slopes, 0.0)
@@ -160,21 +163,21 @@ def _by_parameter(by_number: Array, table: Array) -> Array:
     return slopes
 
 
-def _jacobian(x: Array, vehicle: Vehicle) -> Array:
-    """(values, numbers) by central differences, each number moved by 1e-5 of the largest of its kind.
+def _jacobian(x: Array, vehicle: Vehicle, free: NDArray[np.bool_]) -> Array:
+    """(values, numbers) by central differences, each `free` number moved by 1e-5 of the largest of its kind.
 
-    Infinite or NaN where a value is, as of a car without mass.
+    Infinite or NaN where a value is, as of a car without mass; zero by numbers that are not free.
     """
     blocks = np.array(BLOCKS)
-    columns: list[Array] = []
-    for i in range(x.size):
+    out = np.zeros((_values(x, vehicle)[2].size, x.size))
+    for i in np.flatnonzero(free):
         step = np.zeros(x.size)
         largest = float(np.max(np.abs(x[blocks == blocks[i]])))
         step[i] = 1e-5 * (largest or 1.0)
         up, down = (_values(x + sign * step, vehicle)[2] for sign in (1.0, -1.0))
         with np.errstate(invalid="ignore"):
-            columns.append((up - down) / (2.0 * step[i]))
-    return np.stack(columns, axis=1)
+            out[:, i] = (up - down) / (2.0 * step[i])
+    return out
 
 
 def _not_measured(fitted: Fit, name: str) -> RowMissing | None:
