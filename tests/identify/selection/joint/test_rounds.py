@@ -30,7 +30,7 @@ from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from tests.identify.exact_car import KNOWN, driven, fit_of
 from tests.identify.selection.exact_ranking import DRAWS
-from tests.identify.selection.joint.test_subset_search import with_all
+from tests.identify.selection.joint.three_hidden import with_all
 
 STOP = replace(KNOWN["bump_stop.rear"], shape={"gap": 0.01, "n": 1.0})
 TOO_SOON = replace(STOP, shape={"gap": 0.0, "n": 2.0})
