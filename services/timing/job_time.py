@@ -25,8 +25,8 @@ OVERDUE = 0.1
 SEEN = 0.1
 """Share done below which the remaining time is not shown: too little of the job has been seen."""
 UNPLANNED = 0.2
-"""Part of the time passed, spent in steps that the plan has not, from which the remaining time is not shown: a search
-goes on as long as it finds effects, and nobody knows how many."""
+"""Part of the time passed, spent in steps that the plan had not at first, from which the remaining time is not shown: a
+search goes on as long as it finds effects, and nobody knows how many."""
 KNOWN = 0.05
 """Time ÷ expected time below which a stage found its values known: it says nothing of the pace."""
 NEARLY = 0.99
@@ -44,10 +44,12 @@ class Estimate:
 
 @dataclass
 class _Visited:
-    """A stretch of the plan: its expected time, the time spent in it and the part done by its own counting."""
+    """A stretch of the plan: its expected time, the time spent in it and the part done by its own counting; `added` to
+    the plan as a search went on."""
 
     stretch: Stretch
     expected: float
+    added: bool = False
     spent: float = 0.0
     first: int | None = None
     done: int = 0
@@ -127,8 +129,7 @@ class JobTime:
             passed, remaining = now - self._began, self._remaining(now)
             share = passed / (passed + remaining) if passed + remaining > 0.0 else 0.0
             self._share = max(self._share, min(share, NEARLY))
-            unplanned = self._unplanned + (0.0 if self._inside else now - self._since)
-            shown = self._share >= SEEN and unplanned <= UNPLANNED * passed
+            shown = self._share >= SEEN and self._not_planned(now) <= UNPLANNED * passed
             return Estimate(self._share, remaining if shown else None)
 
     def end(self, done: bool = True) -> None:
@@ -157,17 +158,22 @@ class JobTime:
         if ahead is None:
             return False
         after = self._at + 1
-        self._plan[after:after] = self._expected(ahead)
+        self._plan[after:after] = self._expected(ahead, added=True)
         return True
 
-    def _expected(self, stretches: Sequence[Stretch]) -> list[_Visited]:
+    def _not_planned(self, now: float) -> float:
+        """Time spent in what the plan had not at first [s]."""
+        inside = self._plan[self._at].added if self._inside else True
+        return self._unplanned + sum(one.spent for one in self._plan if one.added) + inside * (now - self._since)
+
+    def _expected(self, stretches: Sequence[Stretch], added: bool = False) -> list[_Visited]:
         """Stretches with their expected times, by the paces that their stages had the last time."""
         assert self._memory is not None
         paces = remembered(self._memory.memory)
         known = [one for one in self._memory.stretches if one.name in paces]
         usual = sum(one.usual for one in known)
         others = sum(paces[one.name] * one.usual for one in known) / usual if usual > 0.0 else 1.0
-        return [_Visited(one, one.likely * one.usual * paces.get(one.name, others)) for one in stretches]
+        return [_Visited(one, one.likely * one.usual * paces.get(one.name, others), added) for one in stretches]
 
     def _find(self, step: AnyStep) -> int | None:
         """Place in the plan of a step: where it is, or the next ahead; None for one that is not planned."""

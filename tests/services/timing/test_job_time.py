@@ -163,6 +163,10 @@ def test_a_plan_goes_on_where_a_search_does():
     now = time.estimate()
     assert now is not None
     assert now.remaining == pytest.approx(36.0, rel=0.05)
+    clock.now += 10.0
+    now = time.estimate()
+    assert now is not None
+    assert now.remaining is None, "fourteen seconds of fifty-four were not planned, and others may follow"
 
 
 def test_a_stage_reported_within_another_takes_none_of_the_plan_ahead():
