@@ -103,5 +103,6 @@ def _better(
         batch = pool[start : start + LAWS.together]
         place = Replacement.of(space, [law], [*beside, *batch])
         best = best.over(place.given(place.k + np.arange(len(beside))), batch)
-    better = best.margin > SELECTION.least_refinement_fall and best.p <= SELECTION.level(space.draws)
-    return best.law if better else None
+    if best.winner is None or best.p > SELECTION.level(space.draws):
+        return None
+    return best.winner.law if best.winner.margin > SELECTION.least_refinement_fall else None

@@ -112,35 +112,50 @@ class Replacement:
 
 
 @dataclass(frozen=True)
+class Winner:
+    """A law in the place of laws of a model.
+
+    Attributes
+    ----------
+    law : it.
+    place : the laws' equations and its own, which is the last.
+    margin : weighted squares that it explains more than the laws.
+    """
+
+    law: OneLine
+    place: Replacement = field(repr=False)
+    margin: float
+
+
+@dataclass(frozen=True)
 class Best:
     """The law of a pool that explains most in the place of laws of a model.
 
     Attributes
     ----------
     draws : number of simulated runs.
-    law : it; None before any was tried. `place` : the laws' equations and its own.
-    margin : weighted squares that it explains more than the laws.
+    winner : the law; None before any was tried.
     drawn : (D,) the largest margin over the pool in simulated runs of the model with the laws.
     """
 
     draws: int
-    law: OneLine | None = None
-    place: Replacement | None = field(default=None, repr=False)
-    margin: float = -np.inf
+    winner: Winner | None = None
     drawn: Array = field(default_factory=lambda: np.array(-np.inf), repr=False)
 
     def over(self, place: Replacement, batch: Sequence[OneLine]) -> Best:
         """The best of those before and of a further part of the pool, in the laws' place with these equations."""
         margins, null = place.margins()
         drawn = np.maximum(self.drawn, np.max(null, axis=0, initial=-np.inf))
-        if not margins.size or np.max(margins) <= self.margin:
+        if not margins.size or (self.winner is not None and np.max(margins) <= self.winner.margin):
             return replace(self, drawn=drawn)
         i = int(place.others[np.argmax(margins)])
         at = np.r_[: place.k, i]
         own = Replacement(place.normal[np.ix_(at, at)], place.right[at], place.noise[at], place.whole[at], place.k)
-        return replace(self, law=batch[i - place.k], place=own, margin=float(np.max(margins)), drawn=drawn)
+        return replace(self, winner=Winner(batch[i - place.k], own, float(np.max(margins))), drawn=drawn)
 
     @property
     def p(self) -> float:
-        """Probability of such a margin where the laws are the truth (Cox)."""
-        return float((1 + np.count_nonzero(self.drawn >= self.margin)) / (1 + self.draws))
+        """Probability of such a margin where the laws are the truth (Cox); 1 before any law was tried."""
+        if self.winner is None:
+            return 1.0
+        return float((1 + np.count_nonzero(self.drawn >= self.winner.margin)) / (1 + self.draws))

@@ -30,7 +30,7 @@ from lacet.identify.selection.joint.shape_constants import fall_of
 from lacet.identify.selection.laws.encompassing import Standing, beyond_chance_of, kinds_of
 from lacet.identify.selection.laws.formulas import laws_at
 from lacet.identify.selection.laws.names import catalogue_names, key_of, with_closer_constants
-from lacet.identify.selection.laws.replacement import Best, Places, Replacement
+from lacet.identify.selection.laws.replacement import Best, Places, Replacement, Winner
 from lacet.identify.selection.laws.search import without_noise
 from lacet.identify.selection.laws.settings import LAWS
 from lacet.identify.selection.rest import AddedLaw, added_laws
@@ -84,16 +84,12 @@ def _rivals(
     """Keys of the laws of a place with a better one in the pool, and that one."""
     best = _over({law.key: Best(space.draws) for law in laws}, space, laws, pool, progress)
     # Between the values of its grid a rival may explain more.
-    near = [
-        one.law
-        for one in best.values()
-        if one.law is not None and one.place is not None
-        and one.margin >= (SELECTION.rival_share - 1.0) * one.place.fall
-    ]  # fmt: skip
+    winners = [one.winner for one in best.values() if one.winner is not None]
+    near = [one.law for one in winners if one.margin >= (SELECTION.rival_share - 1.0) * one.place.fall]
     closer = [shaped for law in {key_of(law): law for law in near}.values() for shaped in with_closer_constants(law)]
     for key, one in _over(best, space, laws, closer, progress).items():
-        if one.law is not None and _is_better(one, stands):
-            yield key, one.law
+        if one.winner is not None and _is_better(one, one.winner, stands):
+            yield key, one.winner.law
 
 
 def _over(
@@ -112,10 +108,9 @@ def _over(
     return out
 
 
-def _is_better(one: Best, stands: Standing) -> bool:
-    """Whether a law is a better answer than the law that it is in the place of."""
-    assert one.place is not None
-    if not _is_clearly_more(one.margin, one.place.fall) or one.p > SELECTION.level(one.draws):
+def _is_better(best: Best, one: Winner, stands: Standing) -> bool:
+    """Whether the best of a pool is a better answer than the law that it is in the place of."""
+    if not _is_clearly_more(one.margin, one.place.fall) or best.p > SELECTION.level(best.draws):
         return False
     beside = one.place.given(np.array([one.place.k]))
     return not stands(beside.fall, beside.null)

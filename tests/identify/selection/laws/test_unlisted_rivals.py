@@ -120,12 +120,14 @@ def test_the_best_of_a_pool_is_that_of_its_parts(groove_and_bar: Fit, floor: Noi
     parts = Best(space.draws)
     for batch in (pool[:10], pool[10:]):
         parts = parts.over(Replacement.of(space, laws, batch), batch)
-    assert whole.law is parts.law is not None
-    assert whole.margin == pytest.approx(parts.margin)
+    one, same = whole.winner, parts.winner
+    assert one is not None
+    assert same is not None
+    assert one.law is same.law
+    assert one.margin == pytest.approx(same.margin)
     np.testing.assert_allclose(parts.drawn, whole.drawn)
-    assert whole.p == (1 + np.count_nonzero(whole.drawn >= whole.margin)) / (1 + space.draws)
-    assert whole.place is not None
-    assert whole.place.force_at(np.array([whole.place.k])) - whole.place.fall == pytest.approx(whole.margin)
+    assert whole.p == (1 + np.count_nonzero(whole.drawn >= one.margin)) / (1 + space.draws)
+    assert one.place.force_at(np.array([one.place.k])) - one.place.fall == pytest.approx(one.margin)
 
 
 def test_a_law_stays_that_explains_more_than_chance_beside_the_better_one(floor: NoiseFloor):
@@ -140,9 +142,11 @@ def test_a_better_law_is_better_by_more_than_chance(groove_and_bar: Fit, floor: 
     (law,) = (law for law in joint.laws if law.key == STROKE.key)
     pool = laws_at(joint.space, "suspension", "front")
     best = Best(space.draws).over(Replacement.of(space, [law], pool), pool)
-    assert _is_better(best, stands)
-    assert not _is_better(replace(best, drawn=best.drawn + best.margin - np.min(best.drawn)), stands)
-    assert not _is_better(best, lambda fall, null: True)
+    one = best.winner
+    assert one is not None
+    assert _is_better(best, one, stands)
+    assert not _is_better(replace(best, drawn=best.drawn + one.margin - np.min(best.drawn)), one, stands)
+    assert not _is_better(best, one, lambda fall, null: True)
 
 
 @pytest.mark.parametrize("size", [300.0, 500.0])
