@@ -116,6 +116,12 @@ _RECORDED = (
 
 AXES = ("sensor", "body", "heading", "carrier", "tydex_c")
 """Axes that a rig file may declare."""
+AXES_OF = {
+    **dict.fromkeys(("wheel.force", "wheel.moment"), ("carrier", "tydex_c", "body", "sensor")),
+    **dict.fromkeys(("imu.accel", "imu.rate", "imu.attitude"), ("sensor", "body")),
+    "correvit.speed": ("sensor", "body", "heading"),
+}
+"""Family → axes that a rig file may declare for it; of the others the axes are fixed, whatever is declared."""
 
 
 def _build() -> dict[str, Channel]:

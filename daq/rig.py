@@ -6,12 +6,12 @@ The file format is documented in ``docs/rig.md``; a new sensor of a known kind i
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lacet.daq.channels import AXES, CHANNELS, COLUMNS, CORNERS
+from lacet.daq.channels import AXES, AXES_OF, CHANNELS, COLUMNS, CORNERS
 from lacet.daq.errors import RigError, nearest
 from lacet.daq.shipped import DRIVERS, driver_files, find_shipped
 from lacet.daq.toml_reader import Reader, dotted
@@ -191,6 +191,7 @@ class Rig:
                 reader.fault(f"sensor #{i + 1}", f"must be a [[sensor]] row, found {row!r}")
         sensors = tuple(_sensor(reader, i, row, buses) for i, row in enumerate(rows) if isinstance(row, dict))
         _check_unique(reader, sensors)
+        _check_lasers(reader, sensors)
         if drivers is not None:
             _check_drivers(reader, sensors, drivers)
         rig = cls(
@@ -258,6 +259,7 @@ _SENSOR_KEYS = (
     "name", "driver", "bus", "channels", "axes", "latency", "clock", "noise", "tolerance", "position",
     "position_from_wheel_centre", "orientation", "options", "description",
 )  # fmt: skip
+_LASERS = ("laser.ground", "laser.hub")
 _DBC_KEYS = ("dbc", "signals", "sources", "counter", "checksum", "status")
 """Further keys of a row whose driver is ``dbc``: they are its options."""
 
@@ -284,7 +286,6 @@ def _sensor(reader: Reader, index: int, row: dict[str, Any], buses: Mapping[str,
     if (driver is None) != (bus is None):
         reader.fault(place, "driver and bus go together: give both, or neither for a sensor of exchange tables")
     families = {CHANNELS[channel].family for channel in channels}
-    default_axes = CHANNELS[channels[0]].axes if channels else "sensor"
     orientation = row.get("orientation", [0.0, 0.0, 0.0])
     from_centre = row.get("position_from_wheel_centre")
     return Sensor(
@@ -292,7 +293,7 @@ def _sensor(reader: Reader, index: int, row: dict[str, Any], buses: Mapping[str,
         channels=channels,
         driver=driver,
         bus=bus,
-        axes=reader.choice(row, "axes", place, AXES, default_axes),
+        axes=_axes(reader, row, place, channels),
         latency=reader.number(row, "latency", place, 0.0, low=0.0),
         clock=reader.choice(row, "clock", place, ("arrival", "device", "steady"), "arrival"),
         noise=_sheet(reader, row, "noise", place, families),
@@ -307,6 +308,15 @@ def _sensor(reader: Reader, index: int, row: dict[str, Any], buses: Mapping[str,
         orientation=reader.vector(orientation, f"{place}.orientation"),
         options=options,
     )  # fmt: skip
+
+
+def _axes(reader: Reader, row: dict[str, Any], place: str, channels: Sequence[str]) -> str:
+    """The axes of a row's values: those of its first channel if it says none."""
+    axes = reader.choice(row, "axes", place, AXES, CHANNELS[channels[0]].axes if channels else "sensor")
+    for family in dict.fromkeys(CHANNELS[channel].family for channel in channels):
+        if axes not in AXES_OF.get(family, AXES):
+            reader.fault(f"{place}.axes", f"{family} cannot be in {axes} axes: {' or '.join(AXES_OF[family])}")
+    return axes
 
 
 def _channels(reader: Reader, patterns: Any, place: str) -> tuple[str, ...]:
@@ -382,7 +392,11 @@ def _position(reader: Reader, value: Any, place: str, channels: tuple[str, ...])
         for corner in sorted(str(c) for c in corners if c not in value):
             reader.fault(f"{place}.position", f"corner {corner} is missing")
         return {corner: reader.vector(v, f"{place}.position.{corner}") for corner, v in value.items()}
-    return {"": reader.vector(value, f"{place}.position")}
+    vector = reader.vector(value, f"{place}.position")
+    corners = {CHANNELS[channel].corner for channel in channels if CHANNELS[channel].family in _LASERS}
+    if len(corners) > 1:
+        reader.fault(f"{place}.position", "is one each corner for lasers: { fl = [x, y, z], fr = …, rl = …, rr = … }")
+    return {"": vector, **{str(corner): vector for corner in corners}}
 
 
 def _check_unique(reader: Reader, sensors: tuple[Sensor, ...]) -> None:
@@ -395,6 +409,17 @@ def _check_unique(reader: Reader, sensors: tuple[Sensor, ...]) -> None:
     names = [sensor.name for sensor in sensors]
     for name in sorted({n for n in names if names.count(n) > 1}):
         reader.fault(f"sensor {name}", "the name stands twice; names are unique in a rig")
+
+
+def _check_lasers(reader: Reader, sensors: tuple[Sensor, ...]) -> None:
+    """A corner's two lasers have one mount."""
+    rows = {channel: sensor for sensor in sensors for channel in sensor.channels}
+    for corner in CORNERS:
+        both = [rows[name] for what in ("ground", "hub") if (name := f"laser.{corner}.{what}") in rows]
+        mounts = {(row.position.get(corner), row.from_wheel_centre) for row in both} - {(None, None)}
+        if len(mounts) > 1:
+            where = f"sensor {both[0].name}.position"
+            reader.fault(where, f"at {corner} is not that of {both[1].name}: both lasers of a corner have one mount")
 
 
 assert set(DEFAULT_TOLERANCE) <= _sheet_keys({channel.family for channel in CHANNELS.values()})

@@ -23,6 +23,8 @@ STAND_INS: dict[str, tuple[str, ...]] = {
 """Channel of the equations → channels that may stand in for it where it is not measured, the best first."""
 
 
+_ABOVE_CENTRE = (0.0, 0.0, 0.3)
+"""Mount of a corner's lasers from its wheel centre where the rig gives none [m]."""
 _TRAVEL = ("suspension.{c}.travel", "damper.{c}.travel")
 _SPEED = ("correvit.speed", "car.speed", "gnss.speed")
 
@@ -66,10 +68,11 @@ def design_reading(rig: Rig, corner: Corner) -> float:
 
 
 def laser_mount(rig: Rig, corner: Corner) -> Array:
-    """(3,) position of a corner's lasers in body axes [m]; 0.3 m above the wheel centre where the rig gives none."""
-    sensor = rig.sensor_of(f"laser.{corner.name}.hub") or rig.sensor_of(f"laser.{corner.name}.ground")
-    centre = np.asarray(corner.position)
-    if sensor is not None and corner.name in sensor.position:
-        return np.asarray(sensor.position[corner.name])
-    offset = (0.0, 0.0, 0.3) if sensor is None or sensor.from_wheel_centre is None else sensor.from_wheel_centre
-    return centre + np.asarray(offset)
+    """(3,) position of a corner's lasers in body axes [m]; `_ABOVE_CENTRE` where the rig gives none."""
+    rows = (rig.sensor_of(f"laser.{corner.name}.{what}") for what in ("hub", "ground"))
+    there = [row for row in rows if row is not None]
+    for row in there:
+        if corner.name in row.position:
+            return np.asarray(row.position[corner.name])
+    offsets = (row.from_wheel_centre for row in there if row.from_wheel_centre is not None)
+    return np.asarray(corner.position) + np.asarray(next(offsets, _ABOVE_CENTRE))

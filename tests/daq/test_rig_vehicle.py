@@ -150,6 +150,8 @@ position = { fl = [0, 0, 0], fx = [0, 0, 0] }
 
 
 HEAD = 'format = "lacet-rig 1"\nname = "x"\n'
+HUB, GROUND = (f'[[sensor]]\nname = "{what}"\nchannels = ["laser.*.{what}"]\n' for what in ("hub", "ground"))
+MOUNTS = "position = { fl = [0, 1, 0.3], fr = [0, -1, 0.3], rl = [-3, 1, 0.3], rr = [-3, -1, 0.3] }\n"
 ROW = '[[sensor]]\nname = "a"\nchannels = ["imu.rate"]\n'
 
 
@@ -159,6 +161,12 @@ ROW = '[[sensor]]\nname = "a"\nchannels = ["imu.rate"]\n'
         ("format = ", ("not valid TOML",)),
         (HEAD, ("at least one [[sensor]]",)),
         (HEAD + "bus = 3\n" + ROW, ("bus", "must be a table")),
+        (HEAD + ROW + 'axes = "heading"', ("sensor a.axes", "imu.rate cannot be in heading axes", "sensor or body")),
+        (HEAD + HUB + "position = [0, 1, 0.3]", ("sensor hub.position", "one each corner", "fl = ")),
+        (
+            HEAD + HUB + MOUNTS + GROUND + MOUNTS.replace("[-3, 1, 0.3]", "[-3, 1, 0.4]"),
+            ("sensor ground.position", "at rl is not that of hub", "one mount"),
+        ),
         (HEAD + '[[sensor]]\nname = "a"\nchannels = 5', ("sensor a.channels", "must be a list")),
         (HEAD + '[[sensor]]\nname = 5\nchannels = ["imu.rate"]', ("sensor #1.name", "text")),
         (HEAD + 'sensor = ["a"]', ("sensor #1", "[[sensor]]", "'a'")),
