@@ -66,14 +66,13 @@ class Manoeuvre:
 
 
 @dataclass(frozen=True)
-class Steering(Manoeuvre):
-    """Base of manoeuvres with steering; `grade` : ISO 8608 class of the road (A, B or C), empty for a flat one.
+class OnAnyRoad(Manoeuvre):
+    """Base of manoeuvres on any road; `grade` : ISO 8608 class of the road (A, B or C), empty for a flat one.
 
     As on every road here the tracks vary along x alone: a car at an angle to the x axis meets the same waves stretched
     by 1/cos of the angle.
     """
 
-    straight: ClassVar[bool] = False
     grade: str = ""
 
     def road(self, car: Car, seed: int, settle: float) -> Road:
@@ -82,6 +81,13 @@ class Steering(Manoeuvre):
         reach = self.speed * (self.duration + settle) * 1.05 + 60.0
         track = 0.5 * (car.front.track + car.rear.track)
         return rough_road(self.grade, -reach, 2.0 * reach, seed, track, car.tyre.contact_length)
+
+
+@dataclass(frozen=True)
+class Steering(OnAnyRoad):
+    """Base of manoeuvres with steering."""
+
+    straight: ClassVar[bool] = False
 
 
 @dataclass(frozen=True)
@@ -128,7 +134,7 @@ class Spiral(Steering):
 
 
 @dataclass(frozen=True)
-class LiftOff(Manoeuvre):
+class LiftOff(OnAnyRoad):
     """Straight ahead with periodic drive and sudden lift-off without braking.
 
     `drive_torque` and `overrun_torque` on the driven axle [N·m]; `drive_time`, `overrun_time` of each phase [s].
@@ -149,7 +155,7 @@ class LiftOff(Manoeuvre):
 
 
 @dataclass(frozen=True)
-class Braking(Manoeuvre):
+class Braking(OnAnyRoad):
     """Straight-line braking: `deceleration` [m/s²] for `brake_time`, then back to speed within the `period` [s].
 
     `uneven_front`, `uneven_rear` : brake torque of the left wheel less that of the right one ÷ their sum.

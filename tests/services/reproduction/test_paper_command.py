@@ -12,8 +12,12 @@ import pytest
 
 from lacet.services.commands.__main__ import main
 from lacet.services.one_thread import one_thread
-from lacet.services.reproduction.campaigns import Places, experiment, identify, simulation
+from lacet.services.reproduction.campaigns import PAPER, Places, campaigns_of, experiment, identify, simulation
 from lacet.simulate import engine
+from lacet.simulate.known_cars import known_car
+from lacet.simulate.linkage import SECOND_CARS
+from lacet.simulate.manoeuvres import make_manoeuvre
+from lacet.simulate.road import FLAT
 from tests.services.commands.test_json import conforms
 
 
@@ -88,6 +92,17 @@ def test_tables_1_to_4_from_short_runs_and_what_is_there_is_used_again(
     assert paper(tmp_path / "out", *words)[1]["campaigns"] == told["campaigns"]
 
 
+def test_tables_5_to_7_from_short_runs_over_the_wires(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lacet.services.commands.paper.QUICK", 3.0)
+    monkeypatch.setattr("lacet.services.reproduction.campaigns.SCORE_DRAWS", 3)
+    _, told = paper(tmp_path / "out", "--tables", "experiment", "--quick")
+    (campaign,) = told["campaigns"]
+    assert len(campaign["lines"]) == 29
+    assert all(line["estimate"] is not None for line in campaign["lines"])
+    drawn = (tmp_path / "out" / "experiment" / "validation.html").read_text(encoding="utf-8")
+    assert all(title in drawn for title in ("sinus and liftoff", "spiral and liftoff"))
+
+
 def test_the_experiment_hides_what_table_6_adds_and_fits_the_same_effects() -> None:
     campaign = experiment()
     assert {(h.name, h.size) for h in campaign.hidden} == {
@@ -96,6 +111,15 @@ def test_the_experiment_hides_what_table_6_adds_and_fits_the_same_effects() -> N
     }  # fmt: skip
     assert set(campaign.effects) == {h.name for h in campaign.hidden}
     assert campaign.wires
+
+
+@pytest.mark.parametrize("car", [PAPER, *SECOND_CARS])
+def test_every_run_of_both_campaigns_can_be_driven_and_the_experiments_are_on_a_road(car: str) -> None:
+    """The run held out, too."""
+    for campaign in campaigns_of(car):
+        for name, settings in campaign.driven:
+            road = make_manoeuvre(name, **settings).road(known_car(campaign.car), 1, 1.0)
+            assert (road is FLAT) == (campaign.name == "simulation")
 
 
 def test_a_folder_that_is_not_ours_or_of_other_runs_is_left_alone(
