@@ -34,7 +34,7 @@ PARTS = {
         ("asammdf", "h5py", "nptdms", "mcap_protobuf", "mcap_ros2"),
         "logs of other systems: MDF, MATLAB 7.3, TDMS, MCAP of ROS 2 and Protobuf",
     ),
-    "sim": Part(("mujoco",), "the simulated car (lacet simulate, plan, paper)"),
+    "sim": Part(("mujoco",), "the simulated car (lacet simulate, bench --car, plan, diagnose --next, paper)"),
     "consistency": Part(("cvxpy", "clarabel"), "the nearest bodies that can exist (identify --consistent)"),
     "foxglove": Part(("foxglove",), "the recording live in Foxglove (lacet foxglove)"),
     "campaign": Part(("dask", "distributed", "bokeh"), "one fit over many runs (lacet campaign)"),

@@ -46,7 +46,7 @@ Check from ordinary runs whether the sensors are as the rig file says, by five q
 
 Latencies are relative to a time base, the sensor of the wheel loads: a common shift of all cannot be seen. One whose
 interval is wider than 5 ms is not testable with these runs; fast steering and rough roads help. Latencies follow what
-a model lacks, so diagnose first. The other questions are answered with the latencies found."""
+a model lacks, so diagnose first. Position and bias are answered with the latencies found, where these are asked for."""
 
 QUESTIONS = ("noise", "agreement", "latency", "position", "bias")
 _DRAWS = 6

@@ -36,7 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("files", metavar="FILE", nargs="+", type=Path, help="logs of one drive")
     parser.add_argument("--map", metavar="FILE", type=Path, required=True, help="channel map")
-    parser.add_argument("-o", "--output", metavar="RUN", type=Path, required=True, help="run to write (.mcap)")
+    where = "run to write (.mcap, or .parquet)"
+    parser.add_argument("-o", "--output", metavar="RUN", type=Path, required=True, help=where)
     parser.add_argument(
         "--dbc", metavar="FILE", type=Path, action="append", default=[], help="describes a bus; again for more"
     )

@@ -12,7 +12,17 @@ import pytest
 
 from lacet.services.commands.__main__ import main
 from lacet.services.one_thread import one_thread
-from lacet.services.reproduction.campaigns import PAPER, Places, campaigns_of, experiment, identify, simulation
+from lacet.services.progress import ServiceStage, ServiceStep, planned
+from lacet.services.reproduction.campaigns import (
+    PAPER,
+    Places,
+    campaigns_of,
+    experiment,
+    identify,
+    reproduction_plan,
+    simulation,
+)
+from lacet.services.timing.job_time import JobTime
 from lacet.simulate import engine
 from lacet.simulate.known_cars import known_car
 from lacet.simulate.linkage import SECOND_CARS
@@ -120,6 +130,25 @@ def test_every_run_of_both_campaigns_can_be_driven_and_the_experiments_are_on_a_
         for name, settings in campaign.driven:
             road = make_manoeuvre(name, **settings).road(known_car(campaign.car), 1, 1.0)
             assert (road is FLAT) == (campaign.name == "simulation")
+
+
+def test_the_run_held_out_is_read_in_its_own_campaigns_time(tmp_path: Path) -> None:
+    """The second campaign's driving is still ahead."""
+    now = [0.0]
+    time = JobTime(lambda: now[0])
+    both = [
+        one for campaign in campaigns_of(PAPER) for one in reproduction_plan(campaign, Places.of(tmp_path, campaign))
+    ]
+    time.step(planned(both))
+    first = reproduction_plan(simulation(), Places.of(tmp_path, simulation()))
+    driven = [one for one in first if one.stage in (ServiceStage.DRIVING, ServiceStage.MEASURING)]
+    stages = (ServiceStage.READING_RUN, ServiceStage.FITTING, ServiceStage.READING_RUN, ServiceStage.COMPARING)
+    for stage, subject in [*((one.stage, one.subject) for one in driven), *((stage, "") for stage in stages)]:
+        time.step(ServiceStep(stage, subject=subject))
+        now[0] += 1.0
+    left = time.estimate()
+    assert left is not None
+    assert left.share < 0.6, "the minutes of the experiment"
 
 
 def test_a_folder_that_is_not_ours_or_of_other_runs_is_left_alone(
