@@ -7,6 +7,7 @@ below what is wanted.
 
 from __future__ import annotations
 
+import argparse
 import mmap
 import os
 import subprocess
@@ -98,6 +99,9 @@ def first_use() -> tuple[float, float]:
 
 def main() -> int:
     """Check, measure, print, and write the page when asked to."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--write", action="store_true", help="write the page")
+    args = parser.parse_args()
     chain = car_chain().chain
     model = twin(chain)
     data = model.createData()
@@ -188,7 +192,7 @@ def main() -> int:
         f"and {cold:.1f} s where nothing was compiled before."
     )
     print(about, *lines, "", first, "all as wanted" if kept else "BELOW WHAT IS WANTED", sep="\n")
-    if "--write" in sys.argv:
+    if args.write:
         PAGE.write_text(f"{HEAD}\n{about}\n\n" + "\n".join(lines) + f"\n\n{first}\n\n{FOOT}\n", encoding="utf-8")
     return 0 if kept else 1
 

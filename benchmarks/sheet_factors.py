@@ -7,6 +7,7 @@ complete model, in which nothing is missing, and without the rear anti-roll bar,
 
 from __future__ import annotations
 
+import argparse
 import json
 import re
 import sys
@@ -92,6 +93,8 @@ def page(trials: list[dict[str, Any]]) -> str:
 
 def main() -> None:
     """Run what is missing, then write the page."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.parse_args()
     every = families()
     known = [json.loads(line) for line in RESULTS.read_text().splitlines()] if RESULTS.exists() else []
     done = {(one["families"], one["factor"], one["complete"]) for one in known}

@@ -5,6 +5,7 @@ Each page is played in a temporary folder; its pictures are of the study it make
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import tempfile
 from collections.abc import Callable, Mapping
@@ -47,6 +48,8 @@ PICTURES: Mapping[str, tuple[str, Callable[[], Figure]]] = {
 
 def main() -> None:
     """Play and draw."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.parse_args()
     IMAGES.mkdir(parents=True, exist_ok=True)
     for page, (name, draw) in PICTURES.items():
         with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
