@@ -311,11 +311,13 @@ def _sensor(reader: Reader, index: int, row: dict[str, Any], buses: Mapping[str,
 
 
 def _axes(reader: Reader, row: dict[str, Any], place: str, channels: Sequence[str]) -> str:
-    """The axes of a row's values: those of its first channel if it says none."""
-    axes = reader.choice(row, "axes", place, AXES, CHANNELS[channels[0]].axes if channels else "sensor")
+    """The axes of a row's values: if it says none, those of its first channel, of channels that have a choice."""
+    first = next((c for c in channels if CHANNELS[c].family in AXES_OF), next(iter(channels), "imu.accel"))
+    axes = reader.choice(row, "axes", place, AXES, CHANNELS[first].axes)
     for family in dict.fromkeys(CHANNELS[channel].family for channel in channels):
-        if axes not in AXES_OF.get(family, AXES):
-            reader.fault(f"{place}.axes", f"{family} cannot be in {axes} axes: {' or '.join(AXES_OF[family])}")
+        if axes not in (allowed := AXES_OF.get(family, AXES)):
+            says = f"{family} cannot be in {axes} axes: {' or '.join(allowed)}, in a row without channels in other axes"
+            reader.fault(f"{place}.axes", says)
     return axes
 
 

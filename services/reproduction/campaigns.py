@@ -178,11 +178,9 @@ def reproduction_plan(campaign: Campaign, places: Places) -> list[Stretch]:
     runs = [places.run(campaign, name) for name, _ in campaign.driven]
     driven = places.truth.is_file() and all(file.is_file() for file in runs)
     drives = [] if driven else drives_plan(_duration(name, more) for name, more in campaign.driven)
-    used = len(campaign.manoeuvres)
-    fit_of = [
-        stretch(stage, used) for stage in (ServiceStage.READING_RUN, ServiceStage.FITTING, Stage.NOISE_CORRECTION)
-    ]
-    return [*drives, *fit_of, stretch(ServiceStage.READING_RUN), stretch(ServiceStage.COMPARING, len(runs))]
+    of_used = (ServiceStage.READING_RUN, ServiceStage.FITTING, Stage.NOISE_CORRECTION)
+    fitted = [stretch(stage, len(campaign.manoeuvres)) for stage in of_used]
+    return [*drives, *fitted, stretch(ServiceStage.READING_RUN), stretch(ServiceStage.COMPARING, len(runs))]
 
 
 def _duration(name: str, settings: Mapping[str, Any]) -> tuple[str, float]:

@@ -180,6 +180,14 @@ def test_odd_rigs(text: str, parts: tuple[str, ...]) -> None:
     assert has(rig_faults(text), *parts)
 
 
+def test_a_row_has_the_axes_of_its_first_channel_that_may_have_others() -> None:
+    """Of a wheel's speed no axes are known, so that the inertial unit beside it says them."""
+    row = '[[sensor]]\nname = "bus"\nchannels = ["wheel.fl.speed", "imu.rate"]\n'
+    assert Rig.parse(HEAD + row).sensors[0].axes == "sensor"
+    both = row.replace("speed", "force")
+    assert has(rig_faults(HEAD + both), "sensor bus.axes", "imu.rate cannot be in carrier axes", "without channels in")
+
+
 def test_a_rig_that_is_not_there_names_the_shipped_ones() -> None:
     """A path that is no file."""
     with pytest.raises(RigError, match="no such file"):
