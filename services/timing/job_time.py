@@ -25,8 +25,8 @@ OVERDUE = 0.1
 SEEN = 0.1
 """Share done below which the remaining time is not shown: too little of the job has been seen."""
 UNPLANNED = 0.2
-"""Part of the time passed, spent in steps that the plan had not at first, from which the remaining time is not shown: a
-search goes on as long as it finds effects, and nobody knows how many."""
+"""Part of the time passed, spent in steps that the last plan had not at first, from which the remaining time is not
+shown: a search goes on as long as it finds effects, and nobody knows how many."""
 KNOWN = 0.05
 """Time ÷ expected time below which a stage found its values known: it says nothing of the pace."""
 NEARLY = 0.99
@@ -147,10 +147,13 @@ class JobTime:
             remember(self._memory.memory, {name: spent / usual for name, (spent, usual) in taken.items()})
 
     def _take(self, plan: JobPlan, now: float) -> None:
-        """Go on with a plan of what is ahead."""
+        """Go on with a plan of what is ahead, whatever of those before was not planned."""
         self._leave(now)
-        self._memory = plan
-        self._plan = [*self._plan[: self._at + 1], *self._expected(plan.stretches)]
+        self._memory, self._unplanned = plan, 0.0
+        behind = self._plan[: self._at + 1]
+        for one in behind:
+            one.added = False
+        self._plan = [*behind, *self._expected(plan.stretches)]
 
     def _extended(self, step: AnyStep) -> bool:
         """Whether the plan goes on with what is ahead from an unplanned stage."""
@@ -162,7 +165,7 @@ class JobTime:
         return True
 
     def _not_planned(self, now: float) -> float:
-        """Time spent in what the plan had not at first [s]."""
+        """Time spent since the last plan was made in what it had not at first [s]."""
         inside = self._plan[self._at].added if self._inside else True
         return self._unplanned + sum(one.spent for one in self._plan if one.added) + inside * (now - self._since)
 

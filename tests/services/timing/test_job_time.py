@@ -167,6 +167,11 @@ def test_a_plan_goes_on_where_a_search_does():
     now = time.estimate()
     assert now is not None
     assert now.remaining is None, "fourteen seconds of fifty-four were not planned, and others may follow"
+    time.step(planned([Stretch(ServiceStage.COMPARING, 20.0)]))
+    time.step(ServiceStep(ServiceStage.COMPARING))
+    now = time.estimate()
+    assert now is not None
+    assert now.remaining == pytest.approx(20.0, rel=0.1), "what follows the search is known"
 
 
 def test_a_stage_reported_within_another_takes_none_of_the_plan_ahead():
