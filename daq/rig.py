@@ -286,14 +286,14 @@ def _sensor(reader: Reader, index: int, row: dict[str, Any], buses: Mapping[str,
     if (driver is None) != (bus is None):
         reader.fault(place, "driver and bus go together: give both, or neither for a sensor of exchange tables")
     families = {CHANNELS[channel].family for channel in channels}
-    orientation = row.get("orientation", [0.0, 0.0, 0.0])
+    axes = _axes(reader, row, place, channels)
     from_centre = row.get("position_from_wheel_centre")
     return Sensor(
         name=str(name),
         channels=channels,
         driver=driver,
         bus=bus,
-        axes=_axes(reader, row, place, channels),
+        axes=axes,
         latency=reader.number(row, "latency", place, 0.0, low=0.0),
         clock=reader.choice(row, "clock", place, ("arrival", "device", "steady"), "arrival"),
         noise=_sheet(reader, row, "noise", place, families),
@@ -305,7 +305,7 @@ def _sensor(reader: Reader, index: int, row: dict[str, Any], buses: Mapping[str,
         from_wheel_centre=None
         if from_centre is None
         else reader.vector(from_centre, f"{place}.position_from_wheel_centre"),
-        orientation=reader.vector(orientation, f"{place}.orientation"),
+        orientation=_orientation(reader, row, place, channels, axes),
         options=options,
     )  # fmt: skip
 
@@ -399,6 +399,16 @@ def _position(reader: Reader, value: Any, place: str, channels: tuple[str, ...])
     if len(corners) > 1:
         reader.fault(f"{place}.position", "is one each corner for lasers: { fl = [x, y, z], fr = …, rl = …, rr = … }")
     return {"": vector, **{str(corner): vector for corner in corners}}
+
+
+def _orientation(
+    reader: Reader, row: dict[str, Any], place: str, channels: Sequence[str], axes: str
+) -> tuple[float, ...]:  # fmt: skip
+    """Roll, pitch and yaw of a sensor, where its axes are its own."""
+    found = reader.vector(row.get("orientation", [0.0, 0.0, 0.0]), f"{place}.orientation")
+    if any(found) and (axes != "sensor" or not any(CHANNELS[channel].family in AXES_OF for channel in channels)):
+        reader.fault(f"{place}.orientation", 'is of wheel loads, imu.* and correvit.speed with axes = "sensor" alone')
+    return found
 
 
 def _check_unique(reader: Reader, sensors: tuple[Sensor, ...]) -> None:
