@@ -50,7 +50,6 @@ _PLAIN: dict[AnyStage, str] = {
 """Stages with one sentence."""
 
 _FILLED: dict[AnyStage, str] = {
-    ServiceStage.READING_RUN: "reading runs {subject}: {done} of {total}",
     ServiceStage.CANDIDATES: "trying {total} effects",
     Stage.TRIAL_COLUMNS: "what {total} effects would do",
     Stage.SHAPE_CONSTANTS: "the constants of {subject}",
@@ -105,6 +104,8 @@ def _sentence(step: AnyStep, version: int | None = None, effects: Sequence[str] 
     match step.stage:
         case ServiceStage.READING_RUNS:
             return f"reading {step.total} runs {step.subject}".rstrip() if step.total else "reading the runs"
+        case ServiceStage.READING_RUN:
+            return f"{f'reading runs {step.subject}'.rstrip()}: {step.done} of {step.total}"
         case ServiceStage.FITTING if version is None:
             constants = ", ".join(f"{name} = {value:g}" for name, value in step.values.items())
             return f"fitting with {constants}" if constants else "fitting"

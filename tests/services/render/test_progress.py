@@ -21,6 +21,7 @@ def test_every_stage_has_a_sentence(stage):
         (ServiceStep(ServiceStage.READING_RUNS, total=3, subject="held out"), "reading 3 runs held out"),
         (ServiceStep(ServiceStage.READING_RUNS, campaign="simulation"), "simulation: reading the runs"),
         (ServiceStep(ServiceStage.READING_RUN, 1, 3, "used"), "reading runs used: 1 of 3"),
+        (ServiceStep(ServiceStage.READING_RUN, 0, 2), "reading runs: 0 of 2"),
         (ServiceStep(ServiceStage.FITTING), "fitting"),
         (Step(Stage.NOISE_CORRECTION, 1, 4), "fitting: 1 of 4 runs"),
         (ServiceStep(ServiceStage.FITTING, version=1), "fitting version 1 (the base model alone)"),
