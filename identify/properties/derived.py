@@ -91,12 +91,10 @@ def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[
     table = corner_numbers(fitted)
     x = table @ fitted.physics
     names, units, values = _values(x, vehicle)
+    by_number = _jacobian(x, vehicle, np.any(table != 0.0, axis=1))
+    slopes = _by_parameter(by_number, table)
     rows = rows_unseen(fitted)
     unseen = np.array([row is not None for row in rows])
-    # What no parameter moves and no row could show stays as it is: no value has a slope by it.
-    free = unseen | np.any(table != 0.0, axis=1)
-    by_number = _jacobian(x, vehicle, free)
-    slopes = _by_parameter(by_number, table)
     # At zero, which an unseen rate is, a frequency has no slope: what depends on it is found away from there.
     at_zero = unseen & (x == 0.0)
     shown = _jacobian(np.where(at_zero, 1.0, x), vehicle, unseen) if at_zero.any() else by_number
