@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from lacet.daq.errors import RunError
 from lacet.daq.rig import Rig
 from lacet.identify.car.car_tree import orientation
 from lacet.identify.multibody.vectors import Array, cross, turned
@@ -31,8 +30,6 @@ def load_in_body(values: Mapping[str, Array], channel: str, carrier: Array, rig:
         x = cross(spin_axis, normal)
         x = x / np.linalg.norm(x, axis=0)
         return x * load[0] + spin_axis * load[1] + cross(x, spin_axis) * load[2]
-    if axes == "heading":
-        raise RunError(rig.name, [f"{channel}: wheel loads cannot be in heading axes; use carrier, tydex_c or body"])
     if sensor is not None and axes == "sensor":  # mounted at an angle in the carrier
         load = orientation(sensor.orientation) @ load
     return turned(carrier, load)

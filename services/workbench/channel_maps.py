@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, MutableMapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+from tomlkit.toml_document import TOMLDocument
 
 from lacet.daq.channels import COLUMNS
 from lacet.daq.errors import LacetError, RunError, UsageError
@@ -43,7 +45,7 @@ def map_payload(cache: SessionCache, name: str) -> dict[str, Any]:
     """
     path = _log(cache, name)
     present = map_beside(path)
-    tables = _tables(present)
+    tables = _tables(_written(present))
     with opened(path, _reading(present)) as source:
         found = guess(source)
         notes = list(source.notes)
@@ -81,17 +83,18 @@ def check_map(cache: SessionCache, name: str, body: Mapping[str, Any], keep: boo
     path = _log(cache, name)
     entries, units = _entries(body), _texts(body, "units")
     present = map_beside(path)
-    tables = _tables(present)
+    before = _written(present)
+    tables = _tables(before)
     columns: dict[str, dict[str, Any]] = {}
     good: dict[str, Entry] = {}
     for column, entry in entries.items():
         fault = _elsewhere(entry, _channels(tables).get(column)) or _fault(
-            _text({}, {column: entry}, units), path.parent
+            _edited("", {column: entry}, units), path.parent
         ).replace(f"channels.{column}", "").lstrip(".: ")
         columns[column] = {"fault": fault, "low": None, "high": None}
         if not fault:
             good[column] = entry
-    text = _text(tables, good, units)
+    text = _edited(before, good, units)
     notes, seconds = list[str](), None
     try:
         run = mapped_run([path], ChannelMap.parse(text, _own(path).name, path.parent))
@@ -127,10 +130,17 @@ def _own(path: Path) -> Path:
     return path.with_suffix(".map.toml")
 
 
-def _tables(file: Path | None) -> dict[str, Any]:
-    """Tables of a map as it is written; empty without one, or where it is no TOML."""
+def _written(file: Path | None) -> str:
+    """The text of a map; empty without one, or where it cannot be read."""
     with suppress(OSError, ValueError):
-        return tomllib.loads(file.read_text(encoding="utf-8")) if file else {}
+        return file.read_text(encoding="utf-8") if file else ""
+    return ""
+
+
+def _tables(text: str) -> dict[str, Any]:
+    """Tables of a map as it is written; empty where it is no TOML."""
+    with suppress(ValueError):
+        return tomllib.loads(text)
     return {}
 
 
@@ -202,32 +212,72 @@ def _fault(text: str, folder: Path) -> str:
     return ""
 
 
-def _text(tables: Mapping[str, Any], entries: Mapping[str, Entry], units: Mapping[str, str]) -> str:
-    """A map's text: what the page does not edit as it was, its entries and units as given."""
-    sources: dict[str, Any] = dict(units)
-    for name, said in tables.get("sources", {}).items():
-        if isinstance(said, dict):
-            rest = {key: value for key, value in said.items() if key != "unit"}
-            unit = {"unit": units[name]} if name in units else {}
-            if rest or unit:
-                sources[name] = (unit | rest) if rest else units[name]
-    channels = {k: v for k, v in _channels(tables).items() if not _is_entry(v)} | dict(entries)
-    parts = {"run": tables.get("run", {}), "read": tables.get("read", {}), "sources": sources, "channels": channels}
-    lines = [f'format = "{FORMAT}"']
-    for title, table in parts.items():
-        if table:
-            lines += ["", f"[{title}]", *(f"{_value(key)} = {_value(value)}" for key, value in table.items())]
-    return "\n".join(lines) + "\n"
+def _edited(text: str, entries: Mapping[str, Entry], units: Mapping[str, str]) -> str:
+    """A map's text with these entries and units; what the page does not edit is as it was, comments too."""
+    try:
+        document = tomlkit.parse(text)
+    except TOMLKitError:
+        document = tomlkit.document()
+    document["format"] = FORMAT
+    sources, channels = _table(document, "sources"), _table(document, "channels")
+    for name in [*sources, *(set(units) - set(sources))]:
+        _say_unit(sources, name, units.get(name))
+    before = _channels(document)
+    for column in [column for column, entry in before.items() if _is_entry(entry) and column not in entries]:
+        _remove(channels, column)
+    for column, entry in entries.items():
+        if before.get(column) != entry:
+            _put(channels, column, entry)
+    for name, table in (("sources", sources), ("channels", channels)):
+        if not table:
+            del document[name]
+    return tomlkit.dumps(document)
 
 
-def _value(value: Any) -> str:
-    """A value of a map in TOML."""
-    if isinstance(value, dict):
-        inside = ", ".join(f"{_value(key)} = {_value(one)}" for key, one in value.items())
-        return f"{{ {inside} }}"
-    if isinstance(value, list):
-        return f"[{', '.join(map(_value, value))}]"
-    return json.dumps(value, ensure_ascii=False)
+def _table(document: TOMLDocument, name: str) -> MutableMapping[str, Any]:
+    """A table of a map, which is made where there is none."""
+    if not isinstance(document.get(name), dict):
+        document[name] = tomlkit.table()
+    return cast("MutableMapping[str, Any]", document[name])
+
+
+def _say_unit(sources: MutableMapping[str, Any], name: str, unit: str | None) -> None:
+    """Enter the unit of a source, or none; what else is said of the source stays."""
+    said = sources.get(name)
+    if not isinstance(said, dict):
+        if unit is None:
+            del sources[name]
+        elif said != unit:
+            sources[name] = unit
+    elif unit is not None:
+        said["unit"] = unit
+    else:
+        said.pop("unit", None)
+        if not said:
+            del sources[name]
+
+
+def _holder(table: MutableMapping[str, Any], column: str) -> tuple[MutableMapping[str, Any], str]:
+    """The table that a column's entry is in, or belongs in, and its key there: dotted keys are nested in TOML."""
+    for key, inside in table.items():
+        if column.startswith(f"{key}.") and isinstance(inside, dict) and "from" not in inside:
+            return _holder(inside, column.removeprefix(f"{key}."))
+    return table, column
+
+
+def _put(channels: MutableMapping[str, Any], column: str, entry: Entry) -> None:
+    table, key = _holder(channels, column)
+    if isinstance(entry, dict):
+        inline = tomlkit.inline_table()
+        inline.update(entry)
+        table[key] = inline
+    else:
+        table[key] = entry
+
+
+def _remove(channels: MutableMapping[str, Any], column: str) -> None:
+    table, key = _holder(channels, column)
+    del table[key]
 
 
 def _store(cache: SessionCache, file: Path, text: str) -> None:

@@ -162,6 +162,10 @@ ROW = '[[sensor]]\nname = "a"\nchannels = ["imu.rate"]\n'
         (HEAD, ("at least one [[sensor]]",)),
         (HEAD + "bus = 3\n" + ROW, ("bus", "must be a table")),
         (HEAD + ROW + 'axes = "heading"', ("sensor a.axes", "imu.rate cannot be in heading axes", "sensor or body")),
+        (
+            HEAD + ROW.replace("imu.rate", "wheel.*.force") + 'axes = "heading"',
+            ("sensor a.axes", "wheel.force cannot be in heading axes", "carrier or tydex_c or body or sensor"),
+        ),
         (HEAD + ROW + 'axes = "body"\norientation = [0, 0, 1.57]', ("sensor a.orientation", 'axes = "sensor" alone')),
         (HEAD + HUB + "orientation = [0, 0.1, 0]", ("sensor hub.orientation", "wheel loads, imu.* and correvit.speed")),
         (HEAD + HUB + "position = [0, 1, 0.3]", ("sensor hub.position", "one each corner", "fl = ")),

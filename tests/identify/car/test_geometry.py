@@ -116,13 +116,6 @@ def test_loads_are_the_same_in_every_axes(seed: int) -> None:
             np.testing.assert_allclose(motion.measured(row), plain.measured(row), atol=1e-8, err_msg=f"{axes} {row}")
 
 
-def test_loads_in_heading_axes_are_refused() -> None:
-    """A wheel load has no heading."""
-    rig = cars.in_reference(RIG, "hub", {"wheels": "heading"})
-    with pytest.raises(RunError, match="cannot be in heading axes"):
-        build_motion(cars.recording(cars.random_signals(1), VEHICLE, rig))
-
-
 @settings(deadline=None, max_examples=20)
 @given(SEEDS)
 def test_inertial_unit_anywhere_in_the_body(seed: int) -> None:

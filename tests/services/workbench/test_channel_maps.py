@@ -102,6 +102,38 @@ manoeuvre = "slalom"
         assert after.channels["imu.accel.x"].written.text == "-LongAcc"
 
 
+def test_the_text_of_a_map_stays_where_nothing_is_edited(tmp_path: Path):
+    """Comments, order and dotted keys; one entry is changed, one goes, one and a unit come."""
+    folder = tmp_path / "new"
+    (folder / "runs").mkdir(parents=True)
+    foreign_log(folder / "runs" / "lap.csv")
+    text = """# Cable 3 was changed on 12 May.
+format = "lacet-map 1"
+
+[channels] # all in g
+imu.accel.x = "LongAcc" # forwards
+imu.accel.y = { from = "LatAcc", delay = "12 ms" } # to the left
+# upwards
+imu.accel.z = "VertAcc"
+engine.speed = "Laptimer * 1 rad/s" # not from this cable
+"""
+    (folder / "runs" / "lap.map.toml").write_text(text, encoding="utf-8")
+    with TestClient(create_app(Settings(folder)), base_url="http://127.0.0.1:8765") as client:
+        page = Page(client)
+        entries = page.get("runs/lap/map")["entries"]
+        assert page.post("runs/lap/map?keep=true", {"entries": entries})["kept"]
+        assert (folder / "runs" / "lap.map.toml").read_text(encoding="utf-8") == text
+        del entries["engine.speed"]
+        entries |= {"imu.accel.z": "-VertAcc", "engine.throttle": "Laptimer"}
+        assert page.post("runs/lap/map?keep=true", {"entries": entries, "units": {"Laptimer": "1"}})["kept"]
+    expected = text.replace('engine.speed = "Laptimer * 1 rad/s" # not from this cable\n', "").replace(
+        '"VertAcc"', '"-VertAcc"'
+    )
+    assert (folder / "runs" / "lap.map.toml").read_text(encoding="utf-8").split() == [
+        *expected.split(), 'engine.throttle', "=", '"Laptimer"', "[sources]", "Laptimer", "=", '"1"',
+    ]  # fmt: skip
+
+
 def test_an_entry_has_unit_delay_and_table(tmp_path: Path):
     """Each is checked with its entry; a table is a file beside the log, never one elsewhere."""
     folder = tmp_path / "new"
