@@ -13,7 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lacet.daq.channels import CORNERS
-from lacet.identify.car.motion import Motion
+from lacet.identify.car.outline import Outline
 from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import derivative, zero_phase
@@ -92,14 +92,14 @@ class Phases:
         return self.number[np.clip(np.searchsorted(self.t, t), 0, self.t.size - 1)]
 
 
-def phases_of(motion: Motion) -> Phases:
-    """The manoeuvre phases of a run, from its motion.
+def phases_of(run: Outline) -> Phases:
+    """The manoeuvre phases of a run.
 
     Where several apply, the order of precedence is standing, rough road, longitudinal manoeuvres, steering, cornering.
     Speed is that of the speed sensor, else of the wheels; where the lateral or longitudinal acceleration is not
     measured, the phases that need it do not appear and are named in `unseen`.
     """
-    rate, n = motion.filters.rate, motion.t.size
+    rate, n = run.filters.rate, run.t.size
     unseen: list[str] = []
     zero = np.zeros(n)
 
@@ -107,17 +107,17 @@ def phases_of(motion: Motion) -> Phases:
         return zero_phase(series, _SLOW, rate, 5) if n > int(rate / _SLOW) + 40 else np.full(n, float(series.mean()))
 
     forward, lateral = zero, zero
-    if "imu.accel" in motion.channels:
-        forward, lateral = slow(_along_road(motion)), slow(motion.body.accel[1])
+    if "imu.accel" in run.channels:
+        forward, lateral = slow(_along_road(run)), slow(run.accel[1])
     else:
         unseen.append("accelerations")
-    steer = [motion.corners[c].steer for c in ("fl", "fr") if f"camera.{c}.steer" in motion.channels]
+    steer = [run.corners[c].steer for c in ("fl", "fr") if f"camera.{c}.steer" in run.channels]
     if steer:
         steering = np.abs(derivative(slow(np.mean(steer, axis=0)), rate)) > STEERS
     else:
         unseen.append("steer")
         steering = np.abs(derivative(lateral, rate)) > JERKS
-    seen = [motion.corners[c].rate for c in CORNERS if f"laser.{c}.hub" in motion.channels]
+    seen = [run.corners[c].rate for c in CORNERS if f"laser.{c}.hub" in run.channels]
     rough = np.zeros(n, bool)
     if seen and 0.4 * rate > RIDE and n > int(rate / RIDE) + 40:
         fast = np.stack(seen) - zero_phase(np.stack(seen), RIDE, rate, 5)
@@ -125,7 +125,7 @@ def phases_of(motion: Motion) -> Phases:
         rough = np.sqrt(np.maximum(0.0, scipy.ndimage.uniform_filter1d(fast**2, window, axis=1))).mean(axis=0) > ROUGH
     elif not seen:
         unseen.append("travel")
-    speed = _speed(motion)
+    speed = _speed(run)
     standing = np.zeros(n, bool)
     if speed is None:
         unseen.append("speed")
@@ -149,21 +149,21 @@ def phases_of(motion: Motion) -> Phases:
         PHASES.index("straight, steady"),
     )  # fmt: skip
     number = _commonest(number.astype(np.intp), max(1, round(SMOOTHING * rate)))
-    return Phases(motion.t, _without_splinters(number, round(SHORTEST * rate)), tuple(unseen))
+    return Phases(run.t, _without_splinters(number, round(SHORTEST * rate)), tuple(unseen))
 
 
-def _along_road(motion: Motion) -> Array:
+def _along_road(run: Outline) -> Array:
     """Longitudinal acceleration [m/s²]: specific force without the component of gravity from pitch."""
-    if motion.attitude is None:
-        return motion.body.accel[0]
-    return motion.body.accel[0] + STANDARD_GRAVITY * np.sin(motion.attitude[1])
+    if run.attitude is None:
+        return run.accel[0]
+    return run.accel[0] + STANDARD_GRAVITY * np.sin(run.attitude[1])
 
 
-def _speed(motion: Motion) -> Array | None:
+def _speed(run: Outline) -> Array | None:
     """Speed over the ground [m/s]; from the wheels where there is no speed sensor, None without either."""
-    if motion.velocity is not None:
-        return np.hypot(motion.velocity[0], motion.velocity[1])
-    turning = [corner for name, corner in motion.corners.items() if f"wheel.{name}.speed" in motion.channels]
+    if run.velocity is not None:
+        return np.hypot(run.velocity[0], run.velocity[1])
+    turning = [corner for name, corner in run.corners.items() if f"wheel.{name}.speed" in run.channels]
     if not turning:
         return None
     return np.mean([corner.spin * np.where(corner.height > 0.0, corner.height, 0.3) for corner in turning], axis=0)

@@ -255,5 +255,5 @@ def _weakness(members: Sequence[str], model: Model, runs: Sequence[PreparedRun])
 
 def _spread(runs: Sequence[PreparedRun], corners: Sequence[str], what: str) -> float:
     """Largest standard deviation of a corner's travel or its rate, over corners and runs."""
-    motions = [run.overview().motion for run in runs]
-    return max(float(np.std(getattr(motion.corners[c], what))) for motion in motions for c in corners)
+    outlines = [run.overview().outline for run in runs]
+    return max(float(np.std(getattr(outline.corners[c], what))) for outline in outlines for c in corners)

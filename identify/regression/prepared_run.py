@@ -19,6 +19,7 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.measured_rows import MeasuredRows
 from lacet.identify.car.motion import GroundLaserOffset, Motion
+from lacet.identify.car.outline import Outline
 from lacet.identify.car.rows import ROWS, Row
 from lacet.identify.car.sources.completion import completed
 from lacet.identify.effects.base import Effect, PhysicalEffect, sum_by_row
@@ -150,6 +151,19 @@ class PreparedRun:
     def motion(self) -> Motion:
         """The motion and loads at full rate: 0.7 MB a second, so that `kept_motion` serves better where it can."""
         return build_motion(self.recording, measured=self.measured_rows)
+
+    @cached_property
+    def outline(self) -> Outline:
+        """The few series of the motion that checks look at, at full rate; of a longer run made by stretches."""
+        recording, measured = self.recording, self.measured_rows
+        count = round(recording.t.size / (PIECE * recording.filters.rate))
+        if count < 2:
+            return Outline.of(self.motion)
+        edges = np.linspace(0, recording.t.size, count + 1).astype(int).tolist()
+        stretches = [slice(first, last) for first, last in pairwise(edges)]
+        return Outline.joined(
+            [Outline.of(build_motion(recording.at(part), measured=measured.at(part))) for part in stretches]
+        )
 
     @cached_property
     def kept_motion(self) -> Motion:

@@ -24,7 +24,7 @@ from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.identify.car.car_tree import orientation
 from lacet.identify.car.rows import TYRE_ROWS
 from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY
-from lacet.identify.multibody.vectors import Array, dot
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import decimate
 
@@ -121,7 +121,7 @@ def exchanged_wheels(run: PreparedRun) -> Mapping[str, str]:
     fit each other's deflections much better than their own, their wires were exchanged.
     """
     run = run.overview()
-    motion = run.motion
+    outline = run.outline
     rows = [row for row in TYRE_ROWS if row in run.rows]
     corners = [row.place for row in rows]
     if len(rows) < 2:
@@ -129,8 +129,8 @@ def exchanged_wheels(run: PreparedRun) -> Mapping[str, str]:
     keep = reduce(np.intersect1d, (run.index[row] for row in rows))
     if keep.size < 30:
         return {}
-    loads: list[Array] = list(decimate(np.stack([motion.measured(row) for row in rows]), motion.filters, keep))
-    deflections = decimate(np.stack([motion.corners[c].deflection for c in corners]), motion.filters, keep)
+    loads: list[Array] = list(decimate(np.stack([outline.tyres[row] for row in rows]), outline.filters, keep))
+    deflections = decimate(np.stack([outline.corners[c].deflection for c in corners]), outline.filters, keep)
     cost = np.ones((len(corners), len(corners)))
     for i, load in enumerate(loads):
         for j, deflection in enumerate(deflections):
@@ -176,9 +176,9 @@ def _weight(run: PreparedRun) -> Iterator[Doubt]:
     keep = _usable(run, *names)
     if len(names) < len(CORNERS) or np.count_nonzero(keep) < _LEAST:
         return
-    loads = np.sum([dot(corner.force, corner.normal) for corner in run.motion.corners.values()], axis=0)
+    loads = np.sum([corner.load for corner in run.outline.corners.values()], axis=0)
     weight = float(np.median(loads[keep]))
-    each = {c: float(np.median(dot(k.force, k.normal)[keep])) for c, k in run.motion.corners.items()}
+    each = {c: float(np.median(corner.load[keep])) for c, corner in run.outline.corners.items()}
     upward = [f"wheel.{c}.force" for c, load in each.items() if load < 0.0]
     if weight < 0.0:
         yield Doubt(Symptom.WEIGHT_SIGN, value=weight)
@@ -202,7 +202,7 @@ def _angles(run: PreparedRun) -> Iterator[Doubt]:
 
 
 def _rolling(run: PreparedRun) -> Iterator[Doubt]:
-    velocity = run.motion.velocity
+    velocity = run.outline.velocity
     keep = _usable(run, "correvit.speed")
     if velocity is None or np.count_nonzero(keep) < _LEAST:
         return
@@ -227,7 +227,7 @@ def _rolling(run: PreparedRun) -> Iterator[Doubt]:
 
 
 def _turning(run: PreparedRun) -> Iterator[Doubt]:
-    attitude, recording = run.motion.attitude, run.recording
+    attitude, recording = run.outline.attitude, run.recording
     derived = "imu.attitude" in recording.sources  # from the rates themselves
     if attitude is None or derived or "imu.rate" not in recording.signals.value:
         return
@@ -236,7 +236,7 @@ def _turning(run: PreparedRun) -> Iterator[Doubt]:
     turned_round = sensor is not None and sensor.axes == "sensor" and any(sensor.orientation)
     keep = _usable(run, "imu.attitude", "imu.rate")
     keep = keep[step:] & keep[:-step]
-    rates = run.motion.body.omega
+    rates = run.outline.omega
     steps = 0.5 * (rates[:, 1:] + rates[:, :-1]) / recording.filters.rate
     summed = np.concatenate([np.zeros((3, 1)), np.cumsum(steps, axis=1)], axis=1)
     for k, (angle, axis) in enumerate((("roll", "x"), ("pitch", "y"), ("yaw", "z"))):
@@ -250,11 +250,11 @@ def _turning(run: PreparedRun) -> Iterator[Doubt]:
 
 
 def _cornering(run: PreparedRun) -> Iterator[Doubt]:
-    force, velocity = _accel(run), run.motion.velocity
+    force, velocity = _accel(run), run.outline.velocity
     if force is None or velocity is None or "imu.rate" not in run.recording.signals.value:
         return
     keep = _usable(run, "imu.accel", "imu.rate", "correvit.speed")
-    slope, alike = _slope((velocity[0] * run.motion.body.omega[2])[keep], force[1][keep])
+    slope, alike = _slope((velocity[0] * run.outline.omega[2])[keep], force[1][keep])
     if alike < -_ALIKE:
         yield Doubt(Symptom.CORNERING_SIGN)
     elif alike > _ALIKE and not _near(slope):
@@ -266,7 +266,7 @@ def _pushing(run: PreparedRun) -> Iterator[Doubt]:
     if force is None or len(names) < len(CORNERS):
         return
     keep = _usable(run, "imu.accel", *names)
-    total = np.sum([corner.force for corner in run.motion.corners.values()], axis=0)
+    total = np.sum([corner.force for corner in run.outline.corners.values()], axis=0)
     alike = np.array([[_slope(force[i][keep], total[k][keep])[1] for i in range(2)] for k in range(2)])
     for k, axis in enumerate("xy"):
         if alike[k, k] < -_ALIKE:
@@ -283,20 +283,20 @@ def _leaning(run: PreparedRun) -> Iterator[Doubt]:
         names = _present(run, "laser.{}.hub", (left, right))
         keep = _usable(run, "imu.accel", *names)
         if len(names) == 2 and np.any(keep) and float(np.std(force[1][keep])) > _CORNERS:
-            lower = run.motion.corners[right].travel - run.motion.corners[left].travel
+            lower = run.outline.corners[right].travel - run.outline.corners[left].travel
             if _slope(force[1][keep], lower[keep])[1] < -_ALIKE:
                 yield Doubt(Symptom.LEANING, (axle,))
 
 
 def _steering(run: PreparedRun) -> Iterator[Doubt]:
-    velocity, signals = run.motion.velocity, run.recording.signals.value
+    velocity, signals = run.outline.velocity, run.recording.signals.value
     front, rear = (_present(run, "camera.{}.steer", corners) for corners in (CORNERS[:2], CORNERS[2:]))
     if velocity is None or not front or "imu.rate" not in signals:
         return
     steer = sum(signals[name][0] / len(names) * sign for names, sign in ((front, 1), (rear, -1)) for name in names)
     keep = (velocity[0] > _ROLLS) & _usable(run, "imu.rate", "correvit.speed", *front, *rear)
     by_steer = np.asarray(velocity[0] * steer / _wheelbase(run))
-    slope, alike = _slope(by_steer[keep], run.motion.body.omega[2][keep])
+    slope, alike = _slope(by_steer[keep], run.outline.omega[2][keep])
     if alike < -_ALIKE:
         yield Doubt(Symptom.STEER_SIGN)
     elif alike > _ALIKE and slope < 2 * _DEGREE:  # far below what understeer explains

@@ -87,7 +87,7 @@ class Comparison:
             from lacet.services.render.figures.failure_plots import map_figure
             from lacet.services.render.figures.png import png
 
-            phases = [phases_of(one.overview().motion) for one in self._prepared.values()]
+            phases = [phases_of(one.overview().outline) for one in self._prepared.values()]
             return png(map_figure([*self.runs.values()], phases))
 
         return drawn("residual map", draw)

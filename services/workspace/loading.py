@@ -197,9 +197,10 @@ def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, w
     run = for_equations(run, vehicle, rig)
     drive = PreparedRun.of(run, vehicle, rig, filters)
     recorded = [channels.sentence(fault) for fault in recorded_faults(run, drive)]
-    doubts = [plausibility.sentence(doubt) for doubt in doubtful_channels(drive)]
+    overview = drive.overview()
+    doubts = [plausibility.sentence(doubt) for doubt in doubtful_channels(overview)]
     warnings += [f"{run.name}: {said}" for said in (*recorded, *doubts)]
-    moved = {} if recorded else exchanged_wheels(drive)
+    moved = {} if recorded else exchanged_wheels(overview)
     if moved:
         pairs = ", ".join(f"the loads of {wheel} follow the tyre at {corner}" for wheel, corner in moved.items())
         warnings.append(

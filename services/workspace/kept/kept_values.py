@@ -217,7 +217,7 @@ class KeptValues:
     def _phases(self, held: bool) -> list[Phases]:
         runs = self.runs.prepared(held)
         self.runs.progress(ServiceStep(ServiceStage.MANOEUVRE_PHASES))
-        return [phases_of(run.overview().motion) for run in runs]
+        return [phases_of(run.overview().outline) for run in runs]
 
     # -- where it fails, and what is missing --------------------------------------------------------------------------
 

@@ -59,7 +59,7 @@ def draws(fitted: Fit, floor: NoiseFloor) -> Draws:
 
 
 def test_phases_are_those_that_were_driven(drives: dict[str, PreparedRun]):
-    found = {name: phases_of(drive.motion) for name, drive in drives.items()}
+    found = {name: phases_of(drive.outline) for name, drive in drives.items()}
     for name, split in found.items():
         intervals = split.intervals
         assert intervals[0].start == split.t[0]
@@ -75,12 +75,9 @@ def test_phases_are_those_that_were_driven(drives: dict[str, PreparedRun]):
 
 
 def test_left_and_right_change_places_in_a_mirror(drives: dict[str, PreparedRun]):
-    motion = drives["sine"].motion
-    turned = motion.body.accel * np.array([[1.0], [-1.0], [1.0]])
-    seen, mirrored = (
-        phases_of(motion).number,
-        phases_of(replace(motion, body=replace(motion.body, accel=turned))).number,
-    )
+    run = drives["sine"].outline
+    turned = run.accel * np.array([[1.0], [-1.0], [1.0]])
+    seen, mirrored = phases_of(run).number, phases_of(replace(run, accel=turned)).number
     left, right = PHASES.index("cornering left"), PHASES.index("cornering right")
     assert np.array_equal(seen == left, mirrored == right)
     assert np.array_equal(seen == right, mirrored == left)
@@ -88,8 +85,8 @@ def test_left_and_right_change_places_in_a_mirror(drives: dict[str, PreparedRun]
 
 
 def test_what_is_not_measured_is_told(drives: dict[str, PreparedRun]):
-    motion = drives["sine"].motion
-    split = phases_of(replace(motion, channels=frozenset(), velocity=None))
+    run = drives["sine"].outline
+    split = phases_of(replace(run, channels=frozenset(), velocity=None))
     assert set(split.unseen) == {"accelerations", "steer", "travel", "speed"}
     assert split.present == ["straight, steady"]
 
