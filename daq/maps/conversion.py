@@ -13,6 +13,7 @@ from lacet.daq.errors import RunError
 from lacet.daq.maps.assembly import Assembly, ChannelPiece
 from lacet.daq.maps.channel_map import ChannelMap, Said
 from lacet.daq.maps.resolution import Key, in_si, resolved
+from lacet.daq.sources.columns import SINCE_1970
 from lacet.daq.sources.open_source import open_source
 from lacet.daq.sources.source import Array, Series, Source, resolve
 from lacet.daq.units import read_unit
@@ -119,7 +120,8 @@ class Conversion:
         place = (id(stamps), key.delay)
         if place not in shared:
             unit = self._unit_of_time(time, at) if time else 1.0
-            t = stamps * unit - key.delay + self._offsets[at]
+            seconds = self._since_start(stamps * unit, at) if time else stamps
+            t = seconds - key.delay + self._offsets[at]
             last = self._last.get((at, time or name), -np.inf)
             finite = np.isfinite(t)
             highest = np.maximum.accumulate(np.concatenate([[last], np.where(finite, t, -np.inf)]))[:-1]
@@ -134,6 +136,12 @@ class Conversion:
         if len(t):
             self._ending[(at, time or name)] = float(t[-1]) + key.delay
         return Series(t, values, flags)
+
+    def _since_start(self, seconds: Array, at: int) -> Array:
+        """Times of a column of their own from the start of their log [s]; they may count from 1970."""
+        finite = seconds[np.isfinite(seconds)]
+        since_1970 = finite.size > 0 and float(finite[0]) > SINCE_1970
+        return seconds - self.sources[at].counted_from(float(finite[0])) if since_1970 else seconds
 
     def _ends(self, piece: Mapping[str, Series]) -> None:
         for place, end in self._ending.items():

@@ -21,6 +21,8 @@ _TIME = re.compile(
 )
 _EPOCHS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (1e8, 1.0))
 """Least number that is a time since 1970 in a unit: in ns, µs, ms, s; all of them after 1973."""
+SINCE_1970 = _EPOCHS[-1][1] * _EPOCHS[-1][0]
+"""Time from which one counts from 1970 [s]."""
 _WHOLE_STEP = 2.0
 """Smallest whole step of times without a unit that are taken for milliseconds."""
 
@@ -78,7 +80,7 @@ def _scaled(name: str, values: Array, unit: str) -> TimeColumn:
     unit = unit or (said["unit"] if said and said["unit"] else "")
     if unit and is_unit(unit) and read_unit(unit).si == "s":
         factor = read_unit(unit).factor
-        return TimeColumn(name, factor, first * factor > _EPOCHS[-1][0])
+        return TimeColumn(name, factor, first * factor > SINCE_1970)
     for least, factor in _EPOCHS:
         if first > least:
             return TimeColumn(name, factor, True, f"'{name}' counts from 1970, in units of {factor:g} s")

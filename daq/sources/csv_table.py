@@ -59,6 +59,7 @@ class CsvTable(Source):
             if name in numbers:
                 self.listed[name] = Listed(name, units[name], None, f"column {at + 1}")
         self._time: TimeColumn | None = None
+        self._origin = 0.0
         self._rate = reading.rate
         if reading.time and reading.time not in self.form.names:
             try:
@@ -79,6 +80,8 @@ class CsvTable(Source):
                 )
             if self._time.note:
                 self.notes.append(self._time.note)
+            if self._time.epoch:
+                self._origin = self.counted_from(float(np.nanmin(numbers[self._time.name])) * self._time.factor)
             self.listed.pop(self._time.name, None)
 
     def pieces(self, names: Collection[str]) -> Iterator[Piece]:
@@ -104,11 +107,7 @@ class CsvTable(Source):
                 if time is None:
                     t = (rows + np.arange(batch.num_rows)) / self._rate
                 else:
-                    t = columns[time.name] * time.factor
-                    if time.epoch:
-                        if self.start_ns is None:
-                            self.start_ns = int(np.nanmin(t) * 1e9)
-                        t = t - self.start_ns / 1e9
+                    t = columns[time.name] * time.factor - self._origin
                 rows += batch.num_rows
                 self.done = min(1.0, rows * self._line / self._size)
                 yield {name: Series(t, columns[name]) for name in names}

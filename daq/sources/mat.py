@@ -105,9 +105,7 @@ class MatSource(SharedSource):
                 raise fault(self.path, str(cause)) from None
             if found is None:
                 continue
-            origin = float(head[last][0]) * found.factor if found.epoch else 0.0
-            if found.epoch:
-                self.start_ns = int(origin * 1e9)
+            origin = self.counted_from(float(head[last][0]) * found.factor) if found.epoch else 0.0
             if found.note:
                 self.notes.append(found.note)
             out[name] = Stored(

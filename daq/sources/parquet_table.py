@@ -57,7 +57,7 @@ class ParquetTable(Source):
                 heads[name] = self._values(head, schema.names[at])
             self.listed[name] = Listed(name, units[name], self._rows, f"column {at + 1}")
         self._rate = reading.rate
-        self._time = None
+        self._time, self._origin = None, 0.0
         if not self._rate:
             try:
                 asked = resolve(reading.time, list(self._columns)) if reading.time else ""
@@ -76,6 +76,8 @@ class ParquetTable(Source):
                 self.start_ns = round(self._origins[own] * 1e9 * _STEPS[schema.field(own).type.unit])
             if self._time.note:
                 self.notes.append(self._time.note)
+            if self._time.epoch:
+                self._origin = self.counted_from(float(np.nanmin(heads[self._time.name])) * self._time.factor)
             self.listed.pop(self._time.name, None)
 
     def pieces(self, names: Collection[str]) -> Iterator[Piece]:
@@ -88,11 +90,7 @@ class ParquetTable(Source):
                 if time is None:
                     t = (rows + np.arange(batch.num_rows)) / self._rate
                 else:
-                    t = values[self._columns[time.name]] * time.factor
-                    if time.epoch:
-                        if self.start_ns is None:
-                            self.start_ns = int(np.nanmin(t) * 1e9)
-                        t = t - self.start_ns / 1e9
+                    t = values[self._columns[time.name]] * time.factor - self._origin
                 rows += batch.num_rows
                 self.done = rows / max(1, self._rows)
                 yield {name: Series(t, values[self._columns[name]]) for name in names}

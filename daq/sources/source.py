@@ -106,6 +106,12 @@ class Source(ABC):
     def close(self) -> None:  # noqa: B027 - most have nothing open
         """Close what is open."""
 
+    def counted_from(self, first: float) -> float:
+        """Instant from which times since 1970 are counted [s since the Unix epoch]: `first`, where none was before."""
+        if self.start_ns is None:
+            self.start_ns = int(first * 1e9)
+        return self.start_ns / 1e9
+
     def resolve(self, name: str) -> str:
         """The name in the log that is meant: the name itself, its last part where unique, or another capitalization.
 

@@ -38,9 +38,8 @@ class TdmsSource(SharedSource):
                     own: Stored | None = base if base is not None and base.count == len(channel) else None
                     place = f"{group.name}/{key}"
                     if step > 0.0:
-                        own, place = _waveform(channel, step), f"{group.name}/{channel.name}"
-                        place = f"waveform {step} {channel.properties.get('wf_start_offset', 0.0)} {len(channel)}"
-                        self._start(channel)
+                        begin = float(channel.properties.get("wf_start_offset", 0.0) or 0.0) + self._begun(channel)
+                        own, place = _waveform(len(channel), begin, step), f"waveform {step} {begin} {len(channel)}"
                     elif reading.rate:
                         own, place = Stored(len(channel), lambda a, b: np.arange(a, b) / reading.rate), "rate"
                     if own is None:
@@ -73,16 +72,19 @@ class TdmsSource(SharedSource):
                 continue
             read, origin = _reader(channel), 0.0
             if found.epoch:
-                origin = float(head[channel.name][0]) * found.factor
-                self.start_ns = int(origin * 1e9)
+                origin = self.counted_from(float(head[channel.name][0]) * found.factor)
             return channel.name, _scaled(len(channel), read, found.factor, origin)
         return "", None
 
-    def _start(self, channel: Any) -> None:
+    def _begun(self, channel: Any) -> float:
+        """When a waveform began, on the clock of the first [s]; 0 where it does not say."""
         begun = channel.properties.get("wf_start_time")
-        if begun is not None and self.start_ns is None:
-            stamp = int(np.datetime64(begun, "ns").astype(np.int64))
-            self.start_ns = stamp if stamp > 0 else None
+        stamp = 0 if begun is None else int(np.datetime64(begun, "ns").astype(np.int64))
+        if stamp <= 0:
+            return 0.0
+        if self.start_ns is None:
+            self.start_ns = stamp
+        return (stamp - self.start_ns) / 1e9
 
     def close(self) -> None:
         """Close the file."""
@@ -102,6 +104,5 @@ def _scaled(count: int, read: Any, factor: float, origin: float) -> Stored:
     return Stored(count, lambda start, stop: read(start, stop) * factor - origin)
 
 
-def _waveform(channel: Any, step: float) -> Stored:
-    offset = float(channel.properties.get("wf_start_offset", 0.0) or 0.0)
-    return Stored(len(channel), lambda start, stop: offset + step * np.arange(start, stop, dtype=np.float64))
+def _waveform(count: int, begin: float, step: float) -> Stored:
+    return Stored(count, lambda start, stop: begin + step * np.arange(start, stop, dtype=np.float64))

@@ -5,7 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+import scipy.io
 
 from lacet.daq.errors import RunError
 from lacet.daq.formats.open_run import open_run
@@ -118,6 +121,62 @@ def test_nothing_is_interpolated_across_a_drop_out(tmp_path: Path) -> None:
     usable = run.signals["correvit.speed"].usable
     np.testing.assert_array_equal(usable, keep | np.isclose(T, 1.0 - 0.01) | np.isclose(T, 2.01))
     assert any("one clock" in problem for problem in run.problems)
+
+
+BEGUN = 1_764_300_000.25
+"""An instant of November 2025 [s since 1970]."""
+
+
+def written_in(kind: str, path: Path, t: np.ndarray, values: np.ndarray, name: str) -> Path:
+    """A table whose times since 1970 are written in some way, (n,) each."""
+    if kind == "iso":
+        stamps = [f"{np.datetime64(round(1e6 * (BEGUN + one)), 'us')}" for one in t]
+        path.write_text("\n".join([f"time,{name}", *(f"{a},{b:.9g}" for a, b in zip(stamps, values, strict=True))]))
+    elif kind == "parquet":
+        pq.write_table(pa.table({"time": BEGUN + t, name: values}), path := path.with_suffix(".parquet"))
+    elif kind == "mat":
+        scipy.io.savemat(path := path.with_suffix(".mat"), {"time": BEGUN + t, name: values})
+    else:
+        factor = {"s": 1.0, "ms": 1e3, "us": 1e6}[kind]
+        np.savetxt(
+            path, np.column_stack([factor * (BEGUN + t), values]), "%.12g", ",", header=f"time,{name}", comments=""
+        )
+    return path
+
+
+@pytest.mark.parametrize("kind", ["s", "ms", "us", "iso", "parquet", "mat"])
+def test_files_that_begin_at_other_instants_are_on_one_clock(tmp_path: Path, kind: str) -> None:
+    """Two files of one drive, the second from its third second on, each with times since 1970."""
+    late = T + 3.0
+    one = written_in(kind, tmp_path / "a.csv", T, np.cos(T), "A")
+    other = written_in(kind, tmp_path / "b.csv", late, np.cos(late), "B")
+    text = '[sources]\nA = "m"\nB = "m"\n[channels]\n"suspension.fl.travel" = "A"\n"suspension.fr.travel" = "B"'
+    run = mapped_run([one, other], ChannelMap.parse(HEAD + text))
+    for c, first in (("fl", 0.0), ("fr", 3.0)):
+        signal = run.signals[f"suspension.{c}.travel"]
+        assert signal.t[0] == pytest.approx(first, abs=1e-4)
+        np.testing.assert_allclose(signal.values[:, 0], np.cos(signal.t), atol=2e-4)
+    assert not any("one clock" in problem for problem in run.problems)
+
+
+def test_a_column_of_times_since_1970_for_one_name(tmp_path: Path) -> None:
+    """The file's own times count from 1970, and those of one name that is 2 s late too."""
+    late = T + 2.0
+    np.savetxt(tmp_path / "a.csv", np.column_stack([BEGUN + T, BEGUN + late, np.cos(T), np.cos(late)]), "%.12g", ",",
+               header="t,t_pot,A,Pot", comments="")  # fmt: skip
+    run = made(tmp_path / "a.csv", """
+[sources]
+Pot = { unit = "m", time = "t_pot" }
+t_pot = "s"
+A = "m"
+[channels]
+"suspension.fl.travel" = "Pot"
+"suspension.fr.travel" = "A"
+""")  # fmt: skip
+    for c, first in (("fl", 2.0), ("fr", 0.0)):
+        signal = run.signals[f"suspension.{c}.travel"]
+        assert signal.t[0] == pytest.approx(first, abs=1e-4)
+        np.testing.assert_allclose(signal.values[:, 0], np.cos(signal.t), atol=2e-4)
 
 
 def test_a_name_in_two_files_is_told_by_its_file(tmp_path: Path) -> None:
