@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -11,12 +12,16 @@ from numpy.typing import NDArray
 
 from lacet.daq.blocks import UNUSABLE, Flag
 from lacet.daq.channels import CHANNELS, STANDARD
+from lacet.daq.set_aside import DiskSpace
 
 METADATA_KEYS = ("vehicle", "manoeuvre", "rig", "wheel_reference", "brakes", "notes")
 """What is declared of a run beside its channels."""
 UNWRAPPED = ("wheel.angle", "imu.attitude", "gnss.course")
 """Families of angles that are made continuous on reading."""
 BRAKES = ("off", "used", "unknown")
+HELD = 50_000_000
+"""Largest size of a run's values that are held in memory while its equations are formed [bytes]: about eight minutes
+of the paper's channels. Reading them again from disk takes less than a thousandth of the fit's time."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,55 @@ def signal_of(
         values[out.usable] = np.unwrap(values[out.usable], axis=0)
         out = Signal(t, values, flags)
     return out
+
+
+class SignalsOnDisk(Mapping[str, Signal]):
+    """Signals of a long run on disk, each read whenever it is asked for; their flags stay in memory.
+
+    Raises OSError when the disk is full.
+    """
+
+    def __init__(self, signals: Mapping[str, Signal]):
+        # The columns of a table share their stamps, which are written once.
+        self._stamps = {name: f"stamps {id(signal.t)}" for name, signal in signals.items()}
+        stamps = {self._stamps[name]: signal.t for name, signal in signals.items()}
+        each = chain(stamps.items(), ((name, signal.values) for name, signal in signals.items()))
+        self._arrays = DiskSpace().put_each(each)
+        self._flags = {name: signal.flags.copy() for name, signal in signals.items()}
+
+    def __getitem__(self, name: str) -> Signal:
+        return Signal(self._arrays[self._stamps[name]], self._arrays[name], self._flags[name])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._stamps)
+
+    def __len__(self) -> int:
+        return len(self._stamps)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._stamps
+
+
+class ChosenSignals(Mapping[str, Signal]):
+    """Some signals of a run and others beside them; none of the run's is read before it is asked for."""
+
+    def __init__(self, signals: Mapping[str, Signal], names: Sequence[str], beside: Mapping[str, Signal]):
+        self._signals, self._beside = signals, beside
+        self._names = dict.fromkeys([*names, *beside])
+
+    def __getitem__(self, name: str) -> Signal:
+        if name not in self._names:
+            raise KeyError(name)
+        return self._beside[name] if name in self._beside else self._signals[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
 
 
 class Mark(NamedTuple):
@@ -105,6 +159,16 @@ class Run:
     def missing(self) -> tuple[str, ...]:
         """Channels of the paper's instruments that this run lacks."""
         return tuple(name for name in STANDARD if name not in self.signals)
+
+    def on_disk(self) -> Run:
+        """The run with its signals on disk where they take much memory, and the disk has room for them."""
+        size = sum(signal.values.nbytes for signal in self.signals.values())
+        if size <= HELD:
+            return self
+        try:
+            return replace(self, signals=SignalsOnDisk(self.signals))
+        except OSError:
+            return self
 
     def with_values(self, values: Mapping[str, NDArray[np.float64]]) -> Run:
         """The run with other values in some channels (for simulated noise and sensor faults)."""

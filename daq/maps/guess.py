@@ -6,17 +6,15 @@ claimed by none for sure. How often proposals are right is measured by the tests
 
 from __future__ import annotations
 
-import keyword
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lacet.daq.channels import COLUMNS
-from lacet.daq.expressions.functions import FUNCTIONS
 from lacet.daq.maps.behaviour import RATE, Car, on_grid
 from lacet.daq.maps.channel_map import FORMAT
+from lacet.daq.maps.names import written_name
 from lacet.daq.maps.resolution import ALONE
 from lacet.daq.maps.words import Meaning, meanings
 from lacet.daq.sources.source import Array, Series, Source
@@ -163,7 +161,7 @@ def _quantity(about: Guess, meaning: Meaning, series: Series) -> Guess:
     part = f".{channel.components[component]}" if channel.components else ""
     low, high, tried = _SIZES.get(channel.family + part, _SIZES.get(channel.family, (0.0, np.inf, (channel.unit,))))
     size = float(np.nanpercentile(np.abs(series.values), 95)) if np.isfinite(series.values).any() else 0.0
-    written = _written(about.name)
+    written = written_name(about.name)
     probability, expression, said = meaning.words, written, ""
     try:
         unit = read_unit(about.unit) if about.unit else None
@@ -215,10 +213,3 @@ def _signed(
         expression = one.expression if sign > 0 else f"-{one.expression}"
         out[column] = replace(one, expression=expression, probability=one.probability * max(sure, 0.5))
     return out
-
-
-def _written(name: str) -> str:
-    """A name as an expression has it: in backquotes where it is no plain word."""
-    plain = re.fullmatch(r"[A-Za-z_]\w*(\.\w+)*", name, re.ASCII)
-    taken = any(part in FUNCTIONS or keyword.iskeyword(part) or part == "pi" for part in name.split("."))
-    return name if plain and not taken else f"`{name}`"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import keyword
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from typing import Any
 
 from lacet.daq.dimension import Dimension
 from lacet.daq.expressions.expression import CONSTANTS, Expression, ExpressionFault
+from lacet.daq.expressions.functions import FUNCTIONS
 from lacet.daq.expressions.written import read_expression
 
 _QUOTED = re.compile(r"`([^`]+)`|(?<![\w.`])([A-Za-z_]\w*(?:\.\w+)+)")
@@ -63,3 +65,10 @@ def marked(text: str, fault: ExpressionFault) -> str:
     """The text with a mark under the place of a fault."""
     width = max(1, fault.stop - fault.start)
     return f"{fault.says}\n      {text}\n      {' ' * fault.start}{'^' * width}"
+
+
+def written_name(name: str) -> str:
+    """A name as an expression has it: in backquotes where it is no plain word."""
+    plain = re.fullmatch(r"[A-Za-z_]\w*(\.\w+)*", name, re.ASCII)
+    taken = any(part in FUNCTIONS or keyword.iskeyword(part) or part == "pi" for part in name.split("."))
+    return name if plain and not taken else f"`{name}`"

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from lacet.daq.channels import CHANNELS, COLUMNS, Channel
 from lacet.daq.expressions.expression import ExpressionFault
 from lacet.daq.maps.channel_map import ChannelMap, Mapped
-from lacet.daq.maps.names import marked
+from lacet.daq.maps.names import marked, written_name
 from lacet.daq.sources.source import Array, resolve
 from lacet.daq.units import Unit, UnitFault, read_unit
 
@@ -76,7 +76,7 @@ def _keys(map_: ChannelMap, mapped: Mapped, units: Mapping[str, str], without: d
     for name, source in mapped.written.names.items():
         said = map_.said(source)
         try:
-            found = resolve(said.name or source, units)
+            found = resolve(said.name or source, units, str if said.name else written_name)
         except KeyError as cause:
             raise ValueError(f"{mapped.column}: {cause.args[0]}") from None
         unit = mapped.unit or said.unit or map_.said(found).unit or units[found]

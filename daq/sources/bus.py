@@ -15,12 +15,16 @@ from lacet.daq.sources.source import Listed, Piece, Series, Source, fault
 
 
 class BusSource(Source):
-    """The signals of a raw bus log; `frames` reads it anew from its beginning."""
+    """The signals of a raw bus log; `read` reads it anew from its beginning, and adds what is lost to a list."""
 
     def __init__(
-        self, path: Path, dbc: Sequence[Path], frames: Callable[[], Iterator[BusFrames]], start_ns: int | None
+        self, path: Path, dbc: Sequence[Path], read: Callable[[list[str]], Iterator[BusFrames]], start_ns: int | None
     ):
         super().__init__(path, start_ns=start_ns)
+
+        def frames() -> Iterator[BusFrames]:
+            return read(self.notes)
+
         self._frames = frames
         self._size = max(1, path.stat().st_size)
         if not dbc:

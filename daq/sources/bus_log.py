@@ -19,14 +19,15 @@ def is_raw_log(path: Path) -> bool:
     return path.suffix.lower() in (".mf4", ".mdf") or bool(path.is_file() and bus_kind(path))
 
 
-def read_bus_log(path: Path) -> dict[str, Frames]:
+def read_bus_log(path: Path, damage: list[str] | None = None) -> dict[str, Frames]:
     """All data frames of a log, by the name or number of the bus in it, in order of their stamps.
 
-    Error and remote frames are left out. Raises RunError for a file that is none or cannot be read.
+    What is lost of a log that is cut short is added to `damage`, one line each. Error and remote frames are left out.
+    Raises RunError for a file that is none or cannot be read.
     """
     if not path.is_file():
         raise fault(path, "no such file")
-    start_ns, pieces = _opened(path)
+    start_ns, pieces = _opened(path, damage)
     parts: dict[str, list[Frames]] = {}
     origin = 0.0
     for at, piece in enumerate(pieces):
@@ -42,9 +43,9 @@ def read_bus_log(path: Path) -> dict[str, Frames]:
     return {name: _in_order(Frames.concat(name, frames)) for name, frames in parts.items()}
 
 
-def _opened(path: Path) -> tuple[int | None, Iterator[BusFrames]]:
+def _opened(path: Path, damage: list[str] | None) -> tuple[int | None, Iterator[BusFrames]]:
     if kind := bus_kind(path):
-        return None, read_frames(path, kind)
+        return None, read_frames(path, kind, damage)
     if path.suffix.lower() in (".mf4", ".mdf"):
         from lacet.daq.sources.mdf import open_mdf, start_of
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +22,8 @@ FRAMES = 1 << 17
 """Frames that are read at a time."""
 _LATEST = 4e9
 """Stamps beyond are no times [s]: the year 2096."""
+_LONGEST_LINE = 4096
+"""Bytes at the end of a text log that hold its last line."""
 _CANDUMP = re.compile(r"^\s*\(\d+\.\d+\)\s+\S+\s+[0-9A-Fa-f]+#")
 SUFFIXES = {".blf": "BLF", ".asc": "ASC", ".trc": "TRC"}
 
@@ -61,33 +65,78 @@ def bus_kind(path: Path) -> str:
     return ""
 
 
-def read_frames(path: Path, kind: str) -> Iterator[BusFrames]:
-    """Frames of a text or BLF log, `FRAMES` at a time. Raises RunError with the place of what cannot be read."""
+def read_frames(path: Path, kind: str, damage: list[str] | None = None) -> Iterator[BusFrames]:
+    """Frames of a text or BLF log, `FRAMES` at a time; what is lost is added to `damage`, one line each.
+
+    Raises RunError with the place of what cannot be read.
+    """
     import can  # here, for it takes a while to load
 
     readers = {"candump": can.CanutilsLogReader, "BLF": can.BLFReader, "ASC": can.ASCReader, "TRC": can.TRCReader}
     buses: dict[str, int] = {}
     held: list[Any] = []
     read = 0
+    cut, refused = _cut_short(path, kind), list[str]()
     try:
-        with readers[kind](str(path)) as reader:
+        with _warnings_in(refused), readers[kind](str(path)) as reader:
             for message in reader:
                 read += 1
                 if message.is_error_frame or message.is_remote_frame:
                     continue
                 if not (abs(message.timestamp) < _LATEST and 0 <= message.arbitration_id < EXTENDED):
                     raise ValueError(f"identifier {message.arbitration_id:#x} at {message.timestamp} s")
-                held.append(message)
                 if len(held) >= FRAMES:
                     yield _packed(held, buses)
                     held = []
+                held.append(message)
+            if cut and kind != "BLF":
+                held = held[:-1]  # of the line that is not whole
     except Exception as cause:  # the readers raise exceptions of many kinds for what is no frame
-        if held:
-            yield _packed(held, buses)
-        what = str(cause) or type(cause).__name__
-        raise fault(path, f"frame {read + 1} of this {kind} log cannot be read (file cut short?): {what}") from None
+        if not cut:
+            if held:
+                yield _packed(held, buses)
+            what = str(cause) or type(cause).__name__
+            raise fault(path, f"frame {read + 1} of this {kind} log cannot be read: {what}") from None
+    if damage is not None:
+        damage += [line for line in (cut, *_as_damage(path, refused)) if line and line not in damage]
     if held:
         yield _packed(held, buses)
+
+
+def _cut_short(path: Path, kind: str) -> str:
+    """That a log ends before its end, in a sentence; empty where nothing shows it."""
+    import can
+
+    size = path.stat().st_size
+    with path.open("rb") as stream:
+        if kind == "BLF":
+            said = can.BLFReader(stream).file_size
+            return f"{path.name}: cut short: {size:,} of {said:,} bytes, which its header says" if size < said else ""
+        stream.seek(max(0, size - _LONGEST_LINE))
+        last = stream.read().rpartition(b"\n")[2].strip()
+    whole = not last or last.lower().startswith(b"end")  # the end of an ASC log
+    return "" if whole else f"{path.name}: its last line is not whole (cut short?), and its frame is left out"
+
+
+@contextmanager
+def _warnings_in(found: list[str]) -> Iterator[None]:
+    """Context of reading a log: what the reader warns of is added to a list, and not printed."""
+    handler = logging.Handler(logging.WARNING)
+    handler.emit = lambda record: found.append(record.getMessage())
+    logger = logging.getLogger("can.io")
+    passed_on, logger.propagate = logger.propagate, False
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.propagate = passed_on
+
+
+def _as_damage(path: Path, refused: Sequence[str]) -> list[str]:
+    if not refused:
+        return []
+    return [f"{path.name}: {len(refused)} lines cannot be read and are left out (the first: {refused[0].strip()})"]
 
 
 def _packed(messages: list[Any], buses: dict[str, int]) -> BusFrames:

@@ -30,7 +30,7 @@ def open_source(path: str | Path, reading: Reading | None = None) -> Source:
     if kind := bus_kind(file):
         from lacet.daq.sources.bus import BusSource
 
-        return BusSource(file, reading.dbc, lambda: read_frames(file, kind), None)
+        return BusSource(file, reading.dbc, lambda lost: read_frames(file, kind, lost), None)
     match KINDS.get(file.suffix.lower()):
         case "text table" | "candump" | "ASC" | "TRC":
             from lacet.daq.sources.csv_table import CsvTable
@@ -47,7 +47,7 @@ def open_source(path: str | Path, reading: Reading | None = None) -> Source:
             if is_bus_log(mdf):
                 from lacet.daq.sources.bus import BusSource
 
-                return BusSource(file, reading.dbc, lambda: read_mdf_frames(file, mdf), start_of(mdf))
+                return BusSource(file, reading.dbc, lambda _: read_mdf_frames(file, mdf), start_of(mdf))
             return MdfSource(file, reading, mdf)
         case "MATLAB":
             from lacet.daq.sources.mat import MatSource

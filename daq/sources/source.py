@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -120,8 +120,8 @@ class Source(ABC):
         return resolve(name, self.listed)
 
 
-def resolve(name: str, known: Collection[str]) -> str:
-    """As `Source.resolve`, among any names."""
+def resolve(name: str, known: Collection[str], written: Callable[[str], str] = str) -> str:
+    """As `Source.resolve`, among any names; `written` : how one is written where it is asked for."""
     if name in known:
         return name
     for same in (_last, str.lower, lambda text: _last(text).lower()):
@@ -129,7 +129,7 @@ def resolve(name: str, known: Collection[str]) -> str:
         if len(found) == 1:
             return found[0]
         if found:
-            raise KeyError(f"'{name}' could be {', '.join(found[:6])}: write one of these")
+            raise KeyError(f"'{name}' could be {', '.join(map(written, found[:6]))}: write one of these")
     some = ", ".join(list(known)[:12]) + (" …" if len(known) > 12 else "")
     raise KeyError(f"there is no '{name}'{nearest(name, known) or _near_last(name, known)}; the file has {some}")
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.rig import Rig
-from lacet.daq.run import Run, Signal
+from lacet.daq.run import ChosenSignals, Run, Signal
 from lacet.daq.vehicle import Corner, Vehicle
 from lacet.identify.multibody.vectors import Array
 
@@ -39,6 +39,14 @@ def alternatives(channel: str) -> tuple[str, ...]:
     return tuple(other.format(c=corner) for other in others)
 
 
+def stands_in_for(channel: str) -> tuple[str, ...]:
+    """Channels of the equations that a channel may stand in for."""
+    corner = CHANNELS[channel].corner or ""
+    named = {pattern.format(c=corner): others for pattern, others in STAND_INS.items()}
+    named[f"laser.{corner}.hub"] = _TRAVEL
+    return tuple(name for name, others in named.items() if channel in [other.format(c=corner) for other in others])
+
+
 def for_equations(run: Run, vehicle: Vehicle, rig: Rig) -> Run:
     """The run with the channels of its equations only, those that stand in for one that is not measured included.
 
@@ -46,20 +54,25 @@ def for_equations(run: Run, vehicle: Vehicle, rig: Rig) -> Run:
     wheel centre at design height, less the travel. A potentiometer on the damper stands in where the vehicle file has a
     motion ratio.
     """
-    signals = {name: signal for name, signal in run.signals.items() if not CHANNELS[name].recorded_only}
+    names = dict.fromkeys(name for name in run.signals if not CHANNELS[name].recorded_only)
     for pattern, others in STAND_INS.items():
         for c in CORNERS if "{c}" in pattern else ("",):
             if pattern.format(c=c) not in run.signals:
                 there = [name for other in others if (name := other.format(c=c)) in run.signals]
-                signals |= {name: run.signals[name] for name in there[:1]}
+                names |= dict.fromkeys(there[:1])
+    made: dict[str, Signal] = {}
     for corner in CORNERS:
-        hub, damper = f"laser.{corner}.hub", f"damper.{corner}.travel"
-        travel = run.signals.get(f"suspension.{corner}.travel")
-        if hub not in signals and travel is not None:
-            signals[hub] = Signal(travel.t, design_reading(rig, vehicle.corners[corner]) - travel.values, travel.flags)
-        elif hub not in signals and damper in run.signals and vehicle.assumption("motion_ratio", corner).given:
-            signals[damper] = run.signals[damper]
-    return run if signals.keys() == run.signals.keys() else replace(run, signals=signals)
+        hub, travel, damper = f"laser.{corner}.hub", f"suspension.{corner}.travel", f"damper.{corner}.travel"
+        if hub in names:
+            continue
+        if travel in run.signals:
+            signal = run.signals[travel]
+            made[hub] = replace(signal, values=design_reading(rig, vehicle.corners[corner]) - signal.values)
+        elif damper in run.signals and vehicle.assumption("motion_ratio", corner).given:
+            names[damper] = None
+    if not made and names.keys() == run.signals.keys():
+        return run
+    return replace(run, signals=ChosenSignals(run.signals, list(names), made))
 
 
 def design_reading(rig: Rig, corner: Corner) -> float:

@@ -18,11 +18,12 @@ from lacet.services.acquisition.capture import write_capture
 OPTION = "--as"
 
 
-def frames_for(path: Path, rig: Rig, words: Sequence[str] = ()) -> dict[str, Frames]:
+def frames_for(path: Path, rig: Rig, words: Sequence[str] = (), damage: list[str] | None = None) -> dict[str, Frames]:
     """The frames of a bus log by the rig's buses; stamps are the log's.
 
     Parameters
     ----------
+    damage : receives what is lost of a log that is cut short.
     words : ``LOGBUS=BUS``, which bus of the rig a bus of the log is; then no other bus of the log is read. Without,
         buses of the same name are meant, or the only CAN bus of the rig for the only bus of the log.
 
@@ -34,7 +35,7 @@ def frames_for(path: Path, rig: Rig, words: Sequence[str] = ()) -> dict[str, Fra
     can = [name for name, bus in rig.buses.items() if bus.kind == "can"]
     if not can:
         raise UsageError(f"{rig.path}: the rig has no CAN bus to play a bus log onto; write [bus.can0] in it")
-    logged = read_bus_log(path)
+    logged = read_bus_log(path, damage)
     chosen: dict[str, str] = {}
     for word in words:
         name, mark, bus = word.rpartition("=")
@@ -60,11 +61,13 @@ def frames_for(path: Path, rig: Rig, words: Sequence[str] = ()) -> dict[str, Fra
 
 def capture_of(path: Path, rig: Rig, target: Path, words: Sequence[str] = ()) -> None:
     """Write a bus log as a capture of a rig, with the log's stamps. Raises LacetError as `frames_for`."""
-    frames = frames_for(path, rig, words)
+    damage: list[str] = []
+    frames = frames_for(path, rig, words, damage)
     first = min(int(batch.t_ns[0]) for batch in frames.values())
     start = StartRecord(
         run_id=f"{first}-{path.stem}", started_ns=first, vehicle_text="", rig_text=rig.text,
-        wheel_reference=rig.wheel_reference, software="lacet decode", extra={"files": path.name},
+        wheel_reference=rig.wheel_reference, software="lacet decode",
+        extra={"files": path.name, **({"damage": "\n".join(damage)} if damage else {})},
     )  # fmt: skip
     write_capture(target, frames, start, overwrite=True)
 

@@ -12,6 +12,7 @@ from lacet.daq.channels import CHANNELS, COLUMNS
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.maps.channel_map import ChannelMap
+from lacet.identify.signals.for_equations import stands_in_for
 from lacet.services.commands.progress import Line
 from lacet.services.progress import ServiceStage, planned
 from lacet.services.render import tables
@@ -55,8 +56,7 @@ def run(args: argparse.Namespace) -> int:
         line.progress(planned([stretch(ServiceStage.IMPORTING_LOG)]))
         found = import_logs(args.files, map_, args.output, args.rig, args.vehicle, line.progress)
     rows = [
-        [name, CHANNELS[name].unit, f"{count:,}", f"{100.0 * found['usable'][name] / max(1, count):.1f} %",
-         "no equation uses it" if CHANNELS[name].recorded_only and not name.endswith(".travel") else ""]
+        [name, CHANNELS[name].unit, f"{count:,}", f"{100.0 * found['usable'][name] / max(1, count):.1f} %", _use(name)]
         for name, count in found["samples"].items()
     ]  # fmt: skip
     print(tables.table(["channel", "unit", "samples", "usable", ""], rows))
@@ -71,6 +71,14 @@ def run(args: argparse.Namespace) -> int:
         print(f"To fit it, name its {' and '.join(absent)} file: in [run] of {args.map} (docs/own-log.md)")
     write_result(args.json, "import", found)
     return WITH_LOSSES if found["notes"] else DONE
+
+
+def _use(channel: str) -> str:
+    """What the equations do with a channel that is none of theirs; empty for theirs."""
+    if not CHANNELS[channel].recorded_only:
+        return ""
+    stands_for = stands_in_for(channel)
+    return f"in place of {', '.join(stands_for)}, where not measured" if stands_for else "no equation uses it"
 
 
 def _proposed(file: Path, samples: Container[str]) -> int:

@@ -80,7 +80,7 @@ def decode_log(
         "ledger": decoder.ledger(),
         "losses": decoder.losses(),
         "absent": [name for name in decoder.channels if name not in log.samples],
-        "damage": list(reader.damage),
+        "damage": _damage(reader),
     }
 
 
@@ -132,10 +132,15 @@ def _text(path: Path) -> str:
         raise UsageError(f"--dbc {path}: {getattr(error, 'strerror', None) or 'not UTF-8 text'}") from error
 
 
+def _damage(reader: LogReader) -> list[str]:
+    """What is lost: before the log was written, as of a bus log cut short, and of the log itself."""
+    return list(dict.fromkeys([*reader.start.extra.get("damage", "").splitlines(), *reader.damage]))
+
+
 def _start(reader: LogReader, decoder: Decoder, own: OwnDrivers | None = None) -> StartRecord:
     extra = {key: text for key, text in reader.start.extra.items() if key != PART}  # what is written is one file
-    if reader.damage:
-        extra["damage"] = "\n".join(reader.damage)
+    if damage := _damage(reader):
+        extra["damage"] = "\n".join(damage)
     documents = {**reader.start.documents, **decoder.documents, **(own.documents if own else {})}
     return replace(
         reader.start,

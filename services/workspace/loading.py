@@ -165,7 +165,7 @@ def load(
     for done, path in enumerate(paths):
         progress(ServiceStep(ServiceStage.READING_RUN, done, len(paths)))
         try:
-            run = (limits or RunLimits()).of(_named_apart(open_log(path, by_map), Path(path), places))
+            run = (limits or RunLimits()).of(_named_apart(open_log(path, by_map), Path(path), places)).on_disk()
             warnings += [f"{run.name}: {problem}" for problem in run.problems]
             sensors = sensors or find_rig(run, rig)
             car = car or find_vehicle(run, vehicle)

@@ -188,6 +188,16 @@ def test_a_name_in_two_files_is_told_by_its_file(tmp_path: Path) -> None:
     np.testing.assert_allclose(run.signals["gnss.speed"].values, -run.signals["car.speed"].values)
 
 
+def test_a_name_in_two_files_is_asked_for_as_it_is_written(tmp_path: Path) -> None:
+    """What the message says to write is understood, in backquotes where it is no plain word."""
+    one, other = table(tmp_path / "left.csv", t=T, A=T), table(tmp_path / "2 right.csv", t=T, A=-T)
+    text = '[sources]\n"*A" = "m/s"\n[channels]\n"car.speed" = "A"'
+    with pytest.raises(RunError, match=r"'A' could be left\.A, `2 right\.A`: write one of these"):
+        mapped_run([one, other], ChannelMap.parse(HEAD + text))
+    run = mapped_run([one, other], ChannelMap.parse(HEAD + text.replace('"A"', '"`2 right.A`"')))
+    np.testing.assert_allclose(run.signals["car.speed"].values[:, 0], -T)
+
+
 def test_a_component_alone_is_left_out_with_the_channel_for_it(tmp_path: Path) -> None:
     text = '[sources]\nA = "m/s²"\n[channels]\n"imu.accel.y" = "A"\n"car.lateral_accel" = "A"'
     run = made(table(tmp_path / "a.csv", t=T, A=T), text)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import signal
 import time
@@ -13,6 +14,7 @@ import pytest
 
 from lacet.daq.errors import LacetError
 from lacet.daq.formats.log import LogReader
+from lacet.daq.formats.open_run import open_run
 from lacet.daq.frames import EXTENDED
 from lacet.daq.rig import Rig
 from lacet.daq.sources.bus_log import is_raw_log, read_bus_log
@@ -170,6 +172,35 @@ def test_every_kind_of_log_gives_the_frames_bus_by_bus(tmp_path, suffix):
     assert rows == [(0x123, b"\1\2\3"), (5 | EXTENDED, b"a"), (0x7FF, b""), (9, bytes(range(48)))]
     assert [frame.ident for frame in second] == [0x18F00400, 5, 0x18F00401]
     np.testing.assert_allclose(np.diff(first.t_ns), [5e8, 5e8, 1e9], atol=1e3)
+
+
+@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log", ".trc"])
+def test_a_log_cut_short_is_told_by_import_and_decode(tmp_path, suffix, capsys):
+    """What is whole is kept, with exit code 3; a whole log says nothing."""
+    log, whole = tmp_path / f"drive{suffix}", tmp_path / f"whole{suffix}"
+    with can.LogReader(str(CAN / "road-car.candump.log")) as frames, can.Logger(str(whole)) as writer:
+        for message in itertools.islice(frames, 4000):
+            message.channel = 0 if suffix in (".blf", ".asc", ".trc") else message.channel
+            writer(message)
+    content = whole.read_bytes()
+    log.write_bytes(content[: content.rindex(b"\n", 0, 6 * len(content) // 10) + 20])  # in a line of a text log
+    damage: list[str] = []
+    kept = sum(map(len, read_bus_log(log, damage).values()))
+    assert 0 < kept < sum(map(len, read_bus_log(whole, none := []).values()))
+    assert not none
+    assert damage
+    assert all(line.startswith(log.name) for line in damage)
+    words = ["import", log, "--map", tmp_path / "map.toml", "--dbc", CAN / "road-car.dbc", "-o", tmp_path / "run.mcap"]
+    (tmp_path / "map.toml").write_text(f'format = "lacet-map 1"\n[channels]\n{SIGNALS}', encoding="utf-8")
+    capsys.readouterr()
+    assert main([str(word) for word in words]) == 3
+    said = capsys.readouterr()
+    assert damage[0] in said.out
+    assert "TRCReader" not in said.err
+    words = ["decode", log, "--rig", rig(tmp_path), "-o", tmp_path / "decoded.mcap"]
+    assert main([str(word) for word in words]) == 3
+    assert f"damaged: {damage[0]}" in capsys.readouterr().out
+    assert any(damage[0] in problem for problem in open_run(tmp_path / "decoded.mcap").problems)
 
 
 @pytest.mark.parametrize(
