@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -134,13 +134,13 @@ class ChainModel:
     def _laws(
         self, samples: JointSamples, full: tuple[NDArray[np.float64], ...], bodies: Array, load: Array
     ) -> list[Array]:
-        chain = self.chain
+        chain, states = self.chain, (samples.q, samples.qd, samples.qdd)
         parts: list[Array] = []
         for effect in self.effects:
             if isinstance(effect, EncoderOffset):
                 parts.append(self._turned(full, bodies, effect))
             else:
-                parts.append(effect_columns(chain, effect, (samples.q, samples.qd, samples.qdd), load))
+                parts.append(effect_columns(chain, effect, states, load, samples))
         return parts
 
     def _turned(self, full: tuple[NDArray[np.float64], ...], bodies: Array, effect: EncoderOffset) -> Array:
@@ -169,7 +169,7 @@ class ChainModel:
             if isinstance(effect, EncoderOffset):
                 at = self.chain.coupling.free.index(next(iter(effect.directions)))
                 q[:, at] += standard[self.place[effect.key]][0]
-        return JointSamples(q, samples.qd, samples.qdd, samples.tau, samples.external, samples.filters)
+        return replace(samples, q=q)
 
     def torques(self, samples: JointSamples, standard: Array) -> Array:
         """(N, f) torques of the model with parameters `standard` (p,), external forces included."""
@@ -180,7 +180,8 @@ class ChainModel:
         out = load + samples.external_torques(self.chain)
         for effect in self.effects:
             if not isinstance(effect, EncoderOffset):
-                columns = effect_columns(self.chain, effect, (samples.q, samples.qd, samples.qdd), load)
+                states = samples.q, samples.qd, samples.qdd
+                columns = effect_columns(self.chain, effect, states, load, samples)
                 out += columns @ standard[self.place[effect.key]]
         return out
 
@@ -228,13 +229,39 @@ def standard_effects(chain: Chain, *laws: type[JointEffect]) -> tuple[JointEffec
 
 
 def effect_columns(
-    chain: Chain, effect: JointEffect, states: Sequence[Array] | NDArray[np.float64], load: Array
-) -> Array:
-    """(N, f, k) torques at the free joints per unit of a law's parameters, from (N, f) states and the bodies' load."""
+    chain: Chain, effect: JointEffect, states: Sequence[Array] | NDArray[np.float64], load: Array,
+    samples: JointSamples | None = None,
+) -> Array:  # fmt: skip
+    """(N, f, k) torques at the free joints per unit of a law's parameters, from (N, f) states and the bodies' load.
+
+    `samples` : those of the states. Where each stands for several of the record, and a direction turns back within
+    their time, a column is the mean over them. Friction jumps there: its value at one instant moves the jump by up to
+    half the time between samples, which the low-pass turns into a pulse that the torque does not have.
+    """
     coupling = chain.coupling
     c = sum((k * coupling.matrix[j - 1] for j, k in effect.directions.items()), np.zeros(len(coupling.free)))
     away = float(sum(k * coupling.offset[j - 1] for j, k in effect.directions.items()))
     # The load of a motor is the torque that does the work of all its joints' loads.
     along = load @ c / float(c @ c) if np.any(c) else np.zeros(len(load))
-    found = effect.columns(states[0] @ c + away, states[1] @ c, states[2] @ c, along)
+    s, rate, acceleration = states[0] @ c + away, states[1] @ c, states[2] @ c
+    found = effect.columns(s, rate, acceleration, along)
+    if samples is not None and samples.recorded > 1:
+        period = 1.0 / samples.filters.rate
+        back = np.flatnonzero(np.abs(rate) < 0.5 * period * np.abs(acceleration))
+        s, rate, acceleration, along = s[back], rate[back], acceleration[back], along[back]
+        found = found.copy()
+        found[back] = np.sum(
+            [
+                share * effect.columns(s + rate * dt, rate + acceleration * dt, acceleration, along)
+                for dt, share in _around(samples.recorded, period)
+            ],
+            axis=0,
+        )
     return c[None, :, None] * found[:, None, :]
+
+
+def _around(recorded: int, period: float) -> list[tuple[float, float]]:
+    """Instants of the record's samples around one of fewer [s from it], and the share of each: halves at both ends."""
+    step, reach = period / recorded, recorded // 2
+    ends = 1.0 if recorded % 2 else 0.5
+    return [(k * step, (ends if abs(k) == reach else 1.0) / recorded) for k in range(-reach, reach + 1)]

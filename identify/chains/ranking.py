@@ -9,13 +9,13 @@ draws is compared with the largest of all candidates' (max-score statistic, West
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.chains.effects import ACROSS, EVERY, EncoderOffset, JointEffect
+from lacet.identify.chains.effects import ACROSS, EVERY, EncoderOffset, JointEffect, JointOffset
 from lacet.identify.chains.fit import ChainFit
 from lacet.identify.chains.model import ChainModel
 from lacet.identify.chains.samples import JointSamples
@@ -28,6 +28,9 @@ _DRAWS = 999
 """Draws of the wild bootstrap."""
 _FEW = 8
 """Fewest blocks of a record for which chance can be drawn: 2⁸ signs."""
+_MOST = 0.5
+"""Gain beyond which a law explains more of a joint's residual than all else together [share]: what inexact laws leave
+has another law's shape by accident only."""
 _INDEPENDENT = 1e-6
 """Part of a candidate's columns beside the model's below which it is the model's already [share]: numerical."""
 
@@ -97,10 +100,11 @@ def candidates_of(model: ChainModel) -> tuple[JointEffect, ...]:
 
 @dataclass(frozen=True)
 class _Trial:
-    """A candidate's weighted columns (r, k), reduced by those of the model, and its place among the candidates."""
+    """A candidate's weighted columns (r, k): `columns` reduced by those of the model, `whole` as they are."""
 
     effect: JointEffect
     columns: Array
+    whole: Array
 
 
 def rank_chain(
@@ -137,10 +141,8 @@ def rank_chain(
         found.append(best)
         basis = _orthonormal(next(trial.columns for trial in trials if trial.effect == best.effect))
         residual = residual - basis @ (basis.T @ residual)
-        reduced = [
-            (trial.effect, _reduced(trial.columns, basis)) for trial in trials if trial.effect.key != best.effect.key
-        ]
-        trials = [_Trial(effect, columns) for effect, columns in reduced if columns is not None]
+        reduced = [(trial, _reduced(trial.columns, basis)) for trial in trials if trial.effect.key != best.effect.key]
+        trials = [replace(trial, columns=columns) for trial, columns in reduced if columns is not None]
     names = {one.effect.key for one in found}
     rest: list[JointCandidate] = []
     for effect in effects:
@@ -174,7 +176,7 @@ def _trials(
         weighted = (columns * scale[:, :, None])[fitted.used]
         reduced = _reduced(weighted, model)
         if reduced is not None:
-            out.append(_Trial(effect, reduced))
+            out.append(_Trial(effect, reduced, weighted))
     return out
 
 
@@ -217,8 +219,12 @@ class _Rows:
 
 
 def _law_squares(fitted: ChainFit, scale: Array) -> Array:
-    """(f,) weighted squares of the torques of the laws in the model, joint by joint."""
-    names = {name for effect in fitted.model.effects for name in effect.parameters}
+    """(f,) weighted squares of the torques of the laws in the model, joint by joint.
+
+    Offsets are not among them: a constant has no shape that could be inexact.
+    """
+    laws = [effect for effect in fitted.model.effects if not isinstance(effect, JointOffset | EncoderOffset)]
+    names = {name for effect in laws for name in effect.parameters}
     ours = [i for i, k in enumerate(fitted.base.independent) if fitted.base.names[int(k)] in names]
     torque = fitted.W[:, :, ours] @ fitted.x[ours]
     return np.sum(np.where(fitted.used, (torque * scale) ** 2, 0.0), axis=0)
@@ -256,11 +262,24 @@ def _tested(trials: Sequence[_Trial], residual: Array, rows: _Rows) -> list[Join
         gain, enough = _gain(trial.columns, residual, rows)
         answer = JointAnswer.NOT_NEEDED
         if p <= SELECTION.level(_DRAWS) and gain >= SELECTION.least_gain:
-            answer = JointAnswer.MISSING if enough else JointAnswer.SMALL
+            large = enough or (gain > _MOST and _exceeds(trial.whole @ beta, rows))
+            answer = JointAnswer.MISSING if large else JointAnswer.SMALL
             if trial.effect.passive and np.any(beta < 0.0):
                 answer = JointAnswer.IMPLAUSIBLE
         out.append(JointCandidate(trial.effect, 100.0 * gain, p, tuple(float(b) for b in beta), answer))
     return out
+
+
+def _exceeds(torque: Array, rows: _Rows) -> bool:
+    """Whether a law's weighted torque (r,) varies by more, at any joint, than what the laws in the model may leave.
+
+    Of the law itself, not of the residual: where other parameters take most of a missing law's place, and are wrong by
+    that, little of it is left there.
+    """
+    count = np.maximum(1, np.bincount(rows.joint, minlength=rows.inexact.size))
+    mean = np.bincount(rows.joint, torque, rows.inexact.size) / count
+    squares = np.bincount(rows.joint, (torque - mean[rows.joint]) ** 2, rows.inexact.size)
+    return bool(np.any(squares > rows.inexact))
 
 
 def _gain(X: Array, residual: Array, rows: _Rows) -> tuple[float, bool]:

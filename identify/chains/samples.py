@@ -154,14 +154,14 @@ class Recorded:
             for one in self.external
         )  # fmt: skip
         q, qd, qdd, tau = (np.ascontiguousarray(x[:, ::work].T) for x in (q, qd, qdd, tau))
-        return JointSamples(q, qd, qdd, tau, loads, filters)
+        return JointSamples(q, qd, qdd, tau, loads, filters, work)
 
 
 @dataclass(frozen=True)
 class JointSamples:
     """States and torques (N, f) of the free joints at the working rate, all filtered alike.
 
-    `external` : forces at the same samples. `filters` : of the equations.
+    `external` : forces at the same samples. `filters` : of the equations. `recorded` : samples of the record for each.
     """
 
     q: Array
@@ -170,6 +170,7 @@ class JointSamples:
     tau: Array
     external: tuple[ExternalForce, ...]
     filters: Filters
+    recorded: int = 1
 
     @property
     def kept(self) -> NDArray[np.intp]:
@@ -185,7 +186,7 @@ class JointSamples:
             replace(one, force=one.force[part], moment=None if one.moment is None else one.moment[part])
             for one in self.external
         )
-        return JointSamples(self.q[part], self.qd[part], self.qdd[part], self.tau[part], loads, self.filters)
+        return replace(self, q=self.q[part], qd=self.qd[part], qdd=self.qdd[part], tau=self.tau[part], external=loads)
 
     def external_torques(self, chain: Chain) -> Array:
         """(N, f) torques at the free joints that hold the external forces: −Jᵀ F."""

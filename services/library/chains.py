@@ -127,7 +127,7 @@ class IdentifiedChain:
     def rank(self, candidates: Sequence[JointEffect] | None = None) -> RankedLaws:
         """Which law of a joint is missing: each that the model lacks is tried, or the `candidates` given."""
         with one_thread():
-            return RankedLaws(rank_chain(self.fitted, self._samples, candidates))
+            return RankedLaws(rank_chain(self.fitted, self._samples, candidates), self.scores)
 
     def with_effects(self, *effects: JointEffect) -> IdentifiedChain:
         """The fit again with more laws."""
@@ -164,9 +164,11 @@ class RankedLaws:
     Attributes
     ----------
     ranking : the values.
+    scores : the joints' errors that the laws were tried on.
     """
 
     ranking: ChainRanking
+    scores: tuple[JointScore, ...]
 
     @property
     def missing(self) -> tuple[JointEffect, ...]:
@@ -179,12 +181,12 @@ class RankedLaws:
         return self.ranking.candidates
 
     def __repr__(self) -> str:
-        head, rows = chain_fit.ranking_head(self.ranking), chain_fit.ranking_rows(self.ranking)
+        head, rows = chain_fit.ranking_head(self.ranking, self.scores), chain_fit.ranking_rows(self.ranking)
         return shortened(f"{head}\n{table(list(chain_fit.RANKING_HEAD), rows)}")
 
     def _repr_html_(self) -> str:
         rows = chain_fit.ranking_rows(self.ranking)
-        return html_table(chain_fit.ranking_head(self.ranking), chain_fit.RANKING_HEAD, rows)
+        return html_table(chain_fit.ranking_head(self.ranking, self.scores), chain_fit.RANKING_HEAD, rows)
 
 
 def identify_chain(

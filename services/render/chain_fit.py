@@ -79,10 +79,14 @@ def fit_head(fitted: ChainFit, cutoff: float) -> str:
     return f"{said}; this motion does not determine {', '.join(fitted.unseen)}" if fitted.unseen else said
 
 
-def ranking_head(ranking: ChainRanking) -> str:
-    """What was found missing, in one sentence."""
+def ranking_head(ranking: ChainRanking, scores: Sequence[JointScore]) -> str:
+    """What was found missing, in a sentence; where nothing was, what the joints' errors leave to be explained."""
     if ranking.missing:
         return "missing: " + ", ".join(effect.key + constant_text(effect) for effect in ranking.missing)
     if ranking.untested:
         return f"nothing was tested: {ranking.blocks} blocks of motion are too few"
-    return f"nothing missing that these data show; {len(ranking.candidates)} laws were tried"
+    worst = max(scores, key=lambda one: one.ratio)
+    return (
+        f"nothing missing that these data show; {len(ranking.candidates)} laws were tried. "
+        f"The largest error is {worst.joint}'s, {worst.ratio:.2g} times its noise floor (1: noise alone)"
+    )

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from lacet.daq.errors import NotIdentifiable, UsageError
 from lacet.identify.chains import effects as laws
 from lacet.identify.chains.effects import ExternalForce
-from lacet.identify.chains.model import ChainModel, standard_effects
-from lacet.identify.chains.samples import Recorded
+from lacet.identify.chains.model import ChainModel, effect_columns, standard_effects
+from lacet.identify.chains.samples import JointSamples, Recorded
 from lacet.identify.multibody.chain import Chain
+from lacet.identify.signals.filters import Filters
 from lacet.services.library.chains import IdentifiedChain, identify_chain
 from tests.identify.chains.robots import FRICTION, RATE, URDF, Record, motion, simulated
 
 CHAIN = Chain.from_urdf(URDF)
 NOISE = (2e-5, 0.05)
 CUTOFF = 8.0
+SLOW = 1.5
+"""Cut-off of slow motion [Hz], at which a sample of the equations stands for several of the record."""
 
 
 def truth(found: IdentifiedChain, more: dict[str, float] | None = None) -> np.ndarray:
@@ -28,8 +33,8 @@ def truth(found: IdentifiedChain, more: dict[str, float] | None = None) -> np.nd
 
 
 def identified(record: Record, tau: np.ndarray | None = None, **how: object) -> IdentifiedChain:
-    """A fit up to `CUTOFF`."""
-    return identify_chain(CHAIN, record.q, record.tau if tau is None else tau, rate=RATE, cutoff=CUTOFF, **how)  # type: ignore[arg-type]
+    """A fit, up to `CUTOFF` where nothing else is said."""
+    return identify_chain(CHAIN, record.q, record.tau if tau is None else tau, rate=RATE, **{"cutoff": CUTOFF, **how})  # type: ignore[arg-type]
 
 
 def off(found: IdentifiedChain, expected: np.ndarray) -> float:
@@ -181,6 +186,7 @@ def test_the_missing_law_is_named():
     """A motor's friction on two joints and a spring are found among all laws; then nothing is missing."""
     complete = PLAIN.rank()
     assert complete.missing == ()
+    assert "times its noise floor" in repr(complete)
     tau = RECORD.tau.copy()
     tau += 0.5 * np.outer(RECORD.qd[:, 1] + RECORD.qd[:, 2], [0.0, 1.0, 1.0])
     tau[:, 0] += 2.0 * RECORD.q[:, 0]
@@ -193,6 +199,37 @@ def test_the_missing_law_is_named():
     assert after.value("FV2_3") == pytest.approx(0.5, abs=0.05)
     assert "missing: " in repr(ranking)
     assert "<table>" in ranking._repr_html_()
+
+
+@pytest.mark.parametrize("cutoff", [1.5, 2.0])
+def test_friction_where_motion_turns_back_at_fewer_samples(cutoff: float):
+    """A record sampled faster than the equations need: friction leaves no pulses where joints turn back."""
+    found = identified(RECORD, cutoff=cutoff)
+    assert max(one.ratio for one in found.scores) < 1.35
+    assert off(found, truth(found)) < 4.5
+
+
+def test_a_column_where_motion_turns_back_is_the_mean_over_the_record():
+    """Of eight samples of the record for each; elsewhere, and with one for each, it is the law's at the instant."""
+    law = laws.CoulombFriction(1)
+    t, period = np.arange(-2.0, 3.0) * 0.01, 0.01
+    rate, acceleration = 3.0 * (t - 0.0021), np.full(5, 3.0)
+    states = np.zeros((3, 5, 3))
+    states[1, :, 0], states[2, :, 0] = rate, acceleration
+    filters = replace(Filters(), rate=1.0 / period)
+    instants = (np.arange(-4, 5) * period / 8, np.array([0.5, *[1.0] * 7, 0.5]) / 8)
+    for recorded, middle in ((1, -1.0), (8, float(np.sign(3.0 * (instants[0] - 0.0021)) @ instants[1]))):
+        samples = JointSamples(*states, np.zeros((5, 3)), (), filters, recorded)
+        found = effect_columns(CHAIN, law, states, np.zeros((5, 3)), samples)
+        np.testing.assert_allclose(found[:, 0, 0], [-1.0, -1.0, middle, 1.0, 1.0])
+
+
+def test_a_missing_law_whose_place_others_took_is_named():
+    """A spring where gravity's parameters and the offset take most of its torque, in slow motion."""
+    tau = RECORD.tau.copy()
+    tau[:, 1] += 25.0 * (RECORD.q[:, 1] - 0.4)
+    found = identified(RECORD, tau, cutoff=SLOW)
+    assert [effect.key for effect in found.rank().missing] == ["spring.2"]
 
 
 def test_what_is_printed():
