@@ -274,7 +274,7 @@ def _exceeds(torque: Array, rows: _Rows) -> bool:
     """Whether a law's weighted torque (r,) varies by more, at any joint, than what the laws in the model may leave.
 
     Of the law itself, not of the residual: where other parameters take most of a missing law's place, and are wrong by
-    that, little of it is left there.
+    that, little of it remains there.
     """
     count = np.maximum(1, np.bincount(rows.joint, minlength=rows.inexact.size))
     mean = np.bincount(rows.joint, torque, rows.inexact.size) / count
