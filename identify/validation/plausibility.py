@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.identify.car.car_tree import orientation
 from lacet.identify.car.rows import TYRE_ROWS
+from lacet.identify.car.sources.completion import SPEEDS
 from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -87,6 +88,7 @@ class Doubt:
     other : the value it was compared with.
     guess : the unit that explains the value; empty where none does.
     in_body_axes : whether the sensor's rates were rotated into the body's axes beforehand.
+    speed : channel of the road speed that wheel speeds were compared with.
     """
 
     symptom: Symptom
@@ -95,6 +97,7 @@ class Doubt:
     other: float = math.nan
     guess: str = ""
     in_body_axes: bool = False
+    speed: str = ""
 
 
 _Check = Callable[[PreparedRun], Iterator[Doubt]]
@@ -202,11 +205,13 @@ def _angles(run: PreparedRun) -> Iterator[Doubt]:
 
 
 def _rolling(run: PreparedRun) -> Iterator[Doubt]:
-    velocity = run.outline.velocity
-    keep = _usable(run, "correvit.speed")
-    if velocity is None or np.count_nonzero(keep) < _LEAST:
+    speed = next((name for name in SPEEDS if name in run.recording.signals.value), "")
+    keep = _usable(run, speed)
+    if not speed or np.count_nonzero(keep) < _LEAST:
         return
-    over = _mean(velocity[0], keep)
+    velocity = run.outline.velocity
+    forwards = run.recording.signals.value[speed][0] if velocity is None else velocity[0]
+    over = _mean(forwards, keep)
     rims = {
         name: _mean(run.recording.signals.value[name][0], keep & _usable(run, name))
         * run.recording.vehicle.corners[name.split(".")[1]].tyre_radius
@@ -217,10 +222,10 @@ def _rolling(run: PreparedRun) -> Iterator[Doubt]:
     rim = float(np.median(list(wrong.values()) or [0.0]))
     of_speed = _guess(over / rim, {3.6: "km/h", 2.237: "mph"}) if rim else ""
     if of_speed and len(wrong) == len(rims):  # where all wheels disagree alike, the road speed is at fault
-        yield Doubt(Symptom.SPEED_SIZE, value=over, other=rim, guess=of_speed)
+        yield Doubt(Symptom.SPEED_SIZE, value=over, other=rim, guess=of_speed, speed=speed)
     elif wrong:
         guess = _guess(rim / over, {60 / math.tau: "1/min", 1 / math.tau: "revolutions a second", 1 / _DEGREE: "°/s"})
-        yield Doubt(Symptom.WHEEL_SPEED_SIZE, tuple(wrong), rim, over, guess)
+        yield Doubt(Symptom.WHEEL_SPEED_SIZE, tuple(wrong), rim, over, guess, speed=speed)
 
 
 # -- checks of one channel against another ----------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lacet.daq.channels import CHANNELS
 from lacet.identify.validation.plausibility import Doubt, Symptom
 
 
@@ -28,11 +29,11 @@ def sentence(doubt: Doubt) -> str:
             verb = "is" if len(doubt.subject) == 1 else "are"
             return f"{names} {verb} up to {value:.3g} {unit}: in {doubt.guess}?"
         case Symptom.SPEED_SIZE:
-            return f"correvit.speed x is {value:.3g} m/s where the wheels roll at {other:.3g}{_unit(doubt)}"
+            return f"{_speed(doubt)} is {value:.3g} m/s where the wheels roll at {other:.3g}{_unit(doubt)}"
         case Symptom.WHEEL_SPEED_SIZE:
             sign = ": one of the two has the wrong sign" if value * other < 0.0 else ""
             why = _unit(doubt) or sign
-            return f"{names} times the tyre's radius: {value:.3g} m/s where correvit.speed x is {other:.3g}{why}"
+            return f"{names} times the tyre's radius: {value:.3g} m/s where {_speed(doubt)} is {other:.3g}{why}"
         case Symptom.ATTITUDE_SIGN:
             angle, axis = doubt.subject
             axes = ", in body axes" if doubt.in_body_axes else ""
@@ -42,6 +43,11 @@ def sentence(doubt: Doubt) -> str:
             return f"imu.attitude {angle} turns {value:.3g} times as fast as imu.rate {axis} says{_unit(doubt)}"
         case _:
             return _compared(doubt)
+
+
+def _speed(doubt: Doubt) -> str:
+    """The road speed as it is named: of a sensor of two axes the one forwards."""
+    return f"{doubt.speed} x" if CHANNELS[doubt.speed].width > 1 else doubt.speed
 
 
 def _compared(doubt: Doubt) -> str:

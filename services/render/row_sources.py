@@ -104,7 +104,22 @@ def sources_table(result: Sequence[Mapping[str, Any]]) -> str:
         used.remove(len(HEAD) - 1)
     out = [table([HEAD[k] for k in used], [[line[k] for k in used] for line in lines], text_columns=len(used))]
     add = list(dict.fromkeys(wrapped(f"  {line[0]}: {line[_ADD]}", 4) for line in lines if line[_ADD]))
-    return "\n\n".join(part for part in (*out, "\n".join(explained(add)), _channels_table(result)) if part)
+    below = explained(add) + _WITHOUT_LOADS * _at_some_wheels(result)
+    return "\n\n".join(part for part in (*out, "\n".join(below), _channels_table(result)) if part)
+
+
+_WITHOUT_LOADS = [
+    wrapped(
+        "  Or form rows of all four corners without any wheel load: leave wheel.* out of the runs (of a map), and give "
+        "sprung_mass in [assumed] of the vehicle file (docs/fewer-instruments.md).", 4,
+    )
+]  # fmt: skip
+
+
+def _at_some_wheels(result: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether suspension rows are formed at some corners and impossible at others."""
+    there = {one["source"] != "impossible" for one in result if str(one["row"]).startswith("suspension.")}
+    return len(there) == 2
 
 
 CHANNELS_HEAD = ("not measured", "source", "taken from")

@@ -43,6 +43,15 @@ def test_rows_channels_and_assumptions_have_a_table_each():
     assert "tyre.fl: needs: laser.fl.ground" in sources_table(result[1:2])
 
 
+def test_wheel_loads_at_one_axle_alone_are_told_what_the_runs_without_them_have():
+    """Only there: not where all corners are formed, nor where none is."""
+    some = [source("suspension.fl", "measured"), source("suspension.rl", "impossible", add="needs: wheel.rl.force")]
+    told = "without any wheel load: leave wheel.* out"
+    assert told in " ".join(sources_table(some).split())
+    assert told not in " ".join(sources_table(some[:1]).split())
+    assert told not in " ".join(sources_table(some[1:]).split())
+
+
 def value(name: str, why: str) -> dict[str, Any]:
     """A derived value as plain data, not determined where there is a reason."""
     return {"name": name, "identifiable": not why, "why": why}

@@ -107,6 +107,20 @@ def test_an_inertial_unit_turned_by_90_degrees_is_told(name: str) -> None:
     assert any("is the inertial unit turned by 90°" in line for line in found), found
 
 
+@pytest.mark.parametrize("channel", ["car.speed", "gnss.speed"])
+def test_wheel_speeds_are_compared_with_whichever_speed_there_is(channel: str) -> None:
+    """Of the car's own bus or by satellite, where there is no optical sensor."""
+    whole = piece("sine", 0.0, 20.0)
+    optical = whole.signals["correvit.speed"]
+    run = without(whole, "correvit")
+    sound = replace(run, signals={**run.signals, channel: replace(optical, values=optical.values[:, :1])})
+    assert implausible(drive_of(sound)) == []
+    (said,) = implausible(drive_of(changed(sound, "wheel.*.speed", "x", 60 / math.tau)))
+    assert f"where {channel} is 25.1: is it in 1/min?" in said
+    (said,) = implausible(drive_of(changed(sound, channel, "x", 3.6)))
+    assert said.startswith(f"{channel} is 90.3 m/s where the wheels roll at 25.6: is it in km/h?")
+
+
 @pytest.mark.parametrize("name", ["sine", "rough", "liftoff", "sweep"])
 def test_nothing_is_said_of_sound_runs(name: str) -> None:
     assert implausible(drive_of(open_run(CAR / f"{name}.parquet"))) == []
