@@ -10,7 +10,8 @@ from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, write_result
 from lacet.identify.effects.language.compiled import OneLine
 from lacet.identify.effects.language.linearity import FUNCTIONS
-from lacet.identify.effects.language.misspelling import doubtful
+from lacet.identify.effects.language.misspelling import doubtful, doubtful_words
+from lacet.identify.effects.language.parser import LineFault
 from lacet.identify.effects.language.states import STATES, SUFFIXES
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
@@ -89,7 +90,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _read(study: Study, text: str, only_try: bool) -> dict[str, Any]:
-    cls, stored = with_name(text, study)
+    try:
+        cls, stored = with_name(text, study)
+    except LineFault as fault:
+        meant = [f"Is '{name}' the state '{state}'?" for name, state in doubtful_words(text).items()]
+        if not meant or "did you mean" in str(fault):
+            raise
+        raise UsageError(f"{fault}\n{' '.join(meant)}") from None
     may_have(study, cls)
     found = _described(cls, study)
     first = study.paths()[0]

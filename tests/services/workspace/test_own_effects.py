@@ -105,6 +105,7 @@ def test_the_command_says_how_a_line_was_read(study: Study, capsys: pytest.Captu
 
 @pytest.mark.parametrize(("line", "says"), [
     ("x = suspension: p * travell", "did you mean 'travel'"),
+    ("x = suspension: p * travle", "Is 'travle' the state 'travel'?"),
     ("spring = suspension: p * travel", "there is another effect 'spring'"),
     ("x = suspension: p * log(travel/1 m)", "no finite value in suspension.fl at t = "),
 ])  # fmt: skip
