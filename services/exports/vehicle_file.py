@@ -22,7 +22,6 @@ def vehicle_text(vehicle: Vehicle, result: Mapping[str, Any], title: str) -> str
     if result["wheel_reference"] != "hub":
         found |= {d["name"]: (d, "") for d in result.get("whole_vehicle") or () if d["identifiable"]}
     document = tomlkit.parse(vehicle.text)
-    document.pop("apriori", None)
     known = tomlkit.table()
     for name, old in vehicle.apriori.items():
         if name not in found:

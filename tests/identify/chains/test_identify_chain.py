@@ -11,6 +11,7 @@ from lacet.daq.errors import NotIdentifiable, UsageError
 from lacet.identify.chains import effects as laws
 from lacet.identify.chains.effects import ExternalForce
 from lacet.identify.chains.model import ChainModel, effect_columns, standard_effects
+from lacet.identify.chains.ranking import _exceeds, _Rows
 from lacet.identify.chains.samples import JointSamples, Recorded
 from lacet.identify.multibody.chain import Chain
 from lacet.identify.signals.filters import Filters
@@ -225,11 +226,23 @@ def test_a_column_where_motion_turns_back_is_the_mean_over_the_record():
 
 
 def test_a_missing_law_whose_place_others_took_is_named():
-    """A spring where gravity's parameters and the offset take most of its torque, in slow motion."""
+    """A spring where gravity's parameters and the offset take most of its torque, in slow motion.
+
+    What remains of it is less than inexact friction might leave, but has the spring's shape; and the spring is not small.
+    """
     tau = RECORD.tau.copy()
-    tau[:, 1] += 25.0 * (RECORD.q[:, 1] - 0.4)
+    tau[:, 1] += 2.0 * (RECORD.q[:, 1] - 0.4)
     found = identified(RECORD, tau, cutoff=SLOW)
+    assert found.scores[1].ratio > 15.0
     assert [effect.key for effect in found.rank().missing] == ["spring.2"]
+
+
+def test_a_constant_torque_is_no_shape_of_a_law():
+    """Only how a law's torque varies at a joint is compared with what the laws may leave."""
+    joint, zeros = np.array([0, 1, 0, 1, 0, 1]), np.zeros(6, int)
+    rows = _Rows(joint, zeros, zeros, 1, np.array([1.0, 1.0]))
+    assert not _exceeds(np.array([9.0, 0.0, 9.0, 0.0, 9.0, 0.0]), rows)
+    assert _exceeds(np.array([9.0, 0.0, 9.0, 2.0, 9.0, 0.0]), rows)
 
 
 def test_what_is_printed():

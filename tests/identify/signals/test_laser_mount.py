@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from lacet.daq.rig import Rig
-from lacet.identify.signals.for_equations import laser_mount
+from lacet.daq.run import Run, Signal
+from lacet.identify.signals.for_equations import for_equations, laser_mount, stands_in_for
 from tests.identify.exact_car import VEHICLE
 
 HEAD = 'format = "lacet-rig 1"\nname = "x"\n'
@@ -27,3 +29,24 @@ def test_either_row_says_where_both_lasers_of_a_corner_are(rows: str):
 def test_without_a_position_they_are_above_the_wheel_centre(rows: str, above: float):
     mount = laser_mount(Rig.parse(HEAD + rows), VEHICLE.corners["fl"])
     assert mount == pytest.approx((CENTRE[0], CENTRE[1], CENTRE[2] + above))
+
+
+def signal(*values: float) -> Signal:
+    """One sample of a scalar or a vector."""
+    return Signal(np.zeros(1), np.array([values]), np.zeros(1, np.uint8))
+
+
+def test_travel_stands_in_for_a_hub_laser_that_is_not_measured_alone():
+    """At design height less the travel; a laser that is measured stays as it is."""
+    signals = {
+        "laser.fl.hub": signal(0.4), "suspension.fl.travel": signal(0.01), "suspension.fr.travel": signal(0.02),
+        "engine.speed": signal(100.0), "imu.rate": signal(0.1, 0.2, 0.3), "car.yaw_rate": signal(0.4),
+        "gnss.speed": signal(20.0),
+    }  # fmt: skip
+    found = for_equations(Run("a", signals), VEHICLE, Rig.parse(HEAD + HUB)).signals
+    assert set(found) == {"laser.fl.hub", "laser.fr.hub", "imu.rate", "gnss.speed"}
+    assert found["laser.fl.hub"].values[0, 0] == pytest.approx(0.4)
+    assert found["laser.fr.hub"].values[0, 0] == pytest.approx(0.3 - 0.02)
+    assert stands_in_for("suspension.fr.travel") == ("laser.fr.hub",)
+    assert stands_in_for("gnss.speed") == ("correvit.speed",)
+    assert stands_in_for("engine.speed") == ()
