@@ -228,7 +228,7 @@ def test_a_column_where_motion_turns_back_is_the_mean_over_the_record():
 def test_a_missing_law_whose_place_others_took_is_named():
     """A spring where gravity's parameters and the offset take most of its torque, in slow motion.
 
-    What remains of it is less than inexact friction might leave, but has the spring's shape; and the spring is not small.
+    What remains of it is less than inexact friction might leave, but has the spring's shape, and the spring is large.
     """
     tau = RECORD.tau.copy()
     tau[:, 1] += 2.0 * (RECORD.q[:, 1] - 0.4)
