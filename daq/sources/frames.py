@@ -76,9 +76,9 @@ def read_frames(path: Path, kind: str, damage: list[str] | None = None) -> Itera
     buses: dict[str, int] = {}
     held: list[Any] = []
     read = 0
-    cut, refused = _cut_short(path, kind), list[str]()
+    cut, behind, warned = _cut_short(path, kind), "", list[str]()
     try:
-        with _warnings_in(refused), readers[kind](str(path)) as reader:
+        with _warnings_in(warned), readers[kind](str(path)) as reader:
             for message in reader:
                 read += 1
                 if message.is_error_frame or message.is_remote_frame:
@@ -92,13 +92,14 @@ def read_frames(path: Path, kind: str, damage: list[str] | None = None) -> Itera
             if cut and kind != "BLF":
                 held = held[:-1]  # of the line that is not whole
     except Exception as cause:  # the readers raise exceptions of many kinds for what is no frame
+        behind = f"frame {read + 1} of this {kind} log cannot be read: {str(cause) or type(cause).__name__}"
         if not cut:
             if held:
                 yield _packed(held, buses)
-            what = str(cause) or type(cause).__name__
-            raise fault(path, f"frame {read + 1} of this {kind} log cannot be read: {what}") from None
+            raise fault(path, behind) from None
     if damage is not None:
-        damage += [line for line in (cut, *_as_damage(path, refused)) if line and line not in damage]
+        found = [cut, behind and f"{path.name}: {behind}; it ends there", _warnings_text(path, warned)]
+        damage += [line for line in found if line and line not in damage]
     if held:
         yield _packed(held, buses)
 
@@ -133,10 +134,9 @@ def _warnings_in(found: list[str]) -> Iterator[None]:
         logger.propagate = passed_on
 
 
-def _as_damage(path: Path, refused: Sequence[str]) -> list[str]:
-    if not refused:
-        return []
-    return [f"{path.name}: {len(refused)} lines cannot be read and are left out (the first: {refused[0].strip()})"]
+def _warnings_text(path: Path, warned: Sequence[str]) -> str:
+    """Warnings of a reader in a sentence; empty without any."""
+    return f"{path.name}: its reader warns {len(warned)} times, the first: {warned[0].strip()}" if warned else ""
 
 
 def _packed(messages: list[Any], buses: dict[str, int]) -> BusFrames:

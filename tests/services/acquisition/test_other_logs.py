@@ -204,6 +204,21 @@ def test_a_log_cut_short_is_told_by_import_and_decode(tmp_path, suffix, capsys):
     assert any(damage[0] in problem for problem in open_run(tmp_path / "decoded.mcap").problems)
 
 
+def test_what_cannot_be_read_within_a_log_is_told_with_its_place(tmp_path):
+    """Of a log that is cut short as well, what stands before it is kept; of one that has its end, it is an error."""
+    lines = (CAN / "road-car.candump.log").read_text().splitlines(keepends=True)[:40]
+    lines[30] = "rubbish\n"
+    log = tmp_path / "drive.log"
+    log.write_text("".join(lines)[:-5])
+    damage: list[str] = []
+    assert len(read_bus_log(log, damage)["can0"]) == 30
+    assert "its last line is not whole" in damage[0]
+    assert "frame 31 of this candump log cannot be read" in damage[1]
+    log.write_text("".join(lines))
+    with pytest.raises(LacetError, match="frame 31 of this candump log cannot be read"):
+        read_bus_log(log)
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [
