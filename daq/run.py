@@ -21,7 +21,7 @@ UNWRAPPED = ("wheel.angle", "imu.attitude", "gnss.course")
 BRAKES = ("off", "used", "unknown")
 HELD = 50_000_000
 """Largest size of a run's values that are held in memory while its equations are formed [bytes]: about ten minutes
-of the paper's channels. Reading them again from disk takes less than a thousandth of the fit's time."""
+of the paper's channels."""
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ class CornerOutline:
 
 @dataclass(frozen=True)
 class Outline:
-    """A run's motion with a twentieth of its series, so that a run of hours is held in memory.
+    """A run's motion with few of its series, so that a run of an hour is held in memory.
 
     Attributes
     ----------

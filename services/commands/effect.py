@@ -93,8 +93,9 @@ def _read(study: Study, text: str, only_try: bool) -> dict[str, Any]:
     try:
         cls, stored = with_name(text, study)
     except LineFault as fault:
-        meant = [f"Is '{name}' the state '{state}'?" for name, state in doubtful_words(text).items()]
-        if not meant or "did you mean" in str(fault):
+        doubts = {name: state for name, state in doubtful_words(text).items() if state not in fault.says}
+        meant = [f"Is '{name}' the state '{state}'?" for name, state in doubts.items()]
+        if not meant:
             raise
         raise UsageError(f"{fault}\n{' '.join(meant)}") from None
     may_have(study, cls)

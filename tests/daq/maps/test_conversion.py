@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import scipy.io
+from nptdms import ChannelObject, TdmsWriter
 
 from lacet.daq.errors import RunError
 from lacet.daq.formats.open_run import open_run
@@ -157,6 +158,22 @@ def test_files_that_begin_at_other_instants_are_on_one_clock(tmp_path: Path, kin
         assert signal.t[0] == pytest.approx(first, abs=1e-4)
         np.testing.assert_allclose(signal.values[:, 0], np.cos(signal.t), atol=2e-4)
     assert not any("one clock" in problem for problem in run.problems)
+
+
+def test_waveforms_that_begin_at_other_instants_are_on_one_clock(tmp_path: Path) -> None:
+    """Of one TDMS file, each with the instant at which it began."""
+    waveforms = []
+    for name, late in (("A", 0.0), ("B", 3.0)):
+        begun = np.datetime64(round(1e6 * (BEGUN + late)), "us")
+        about = {"wf_increment": 0.01, "wf_start_time": begun, "unit_string": "m"}
+        waveforms.append(ChannelObject("car", name, np.cos(T + late), properties=about))
+    with TdmsWriter(tmp_path / "a.tdms") as writer:
+        writer.write_segment(waveforms)
+    run = made(tmp_path / "a.tdms", '[channels]\n"suspension.fl.travel" = "A"\n"suspension.fr.travel" = "B"')
+    for c, first in (("fl", 0.0), ("fr", 3.0)):
+        signal = run.signals[f"suspension.{c}.travel"]
+        assert signal.t[0] == pytest.approx(first, abs=1e-4)
+        np.testing.assert_allclose(signal.values[:, 0], np.cos(signal.t), atol=2e-4)
 
 
 def test_a_column_of_times_since_1970_for_one_name(tmp_path: Path) -> None:
