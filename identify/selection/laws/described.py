@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.selection.joint.refits import (
     Joint,
-    not_part_of_the_rest,
     only_plausible,
     only_standing,
     with_all_tested,
 )
 from lacet.identify.selection.joint.rounds import continued
-from lacet.identify.selection.laws.encompassing import only_encompassing
+from lacet.identify.selection.laws.encompassing import standing_beside_rest
 from lacet.identify.selection.laws.formulas import Formula, described_by, propose
 from lacet.identify.selection.rest import Rest
 
@@ -89,6 +88,5 @@ def on_base_of(joint: Joint, found: Joint) -> Joint:
 def _searched_again(known: Joint, parts: Collection[str], seed: int, progress: Progress) -> Joint:
     """What is found in a fit that has laws that describe a rest; `parts` : keys of what did not stand without them."""
     found = only_plausible(continued(only_standing(known, seed, progress), seed, progress), seed, progress)
-    found, _ = not_part_of_the_rest(found, Rest.of(found.space, found.laws), seed, progress)
-    found = only_encompassing(found, seed, progress)
+    found, _ = standing_beside_rest(found, Rest.of(found.space, found.laws), seed, progress, described=True)
     return replace(found, parts=(found.parts | {*parts}) - set(found.keys))

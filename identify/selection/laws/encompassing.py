@@ -20,12 +20,12 @@ from lacet.identify.car.rows import Row
 from lacet.identify.effects.language.compiled import OneLine
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
-from lacet.identify.selection.joint.refits import Joint, less_a_part, with_all_tested
+from lacet.identify.selection.joint.refits import Joint, less_a_part, not_part_of_the_rest, with_all_tested
 from lacet.identify.selection.laws.formulas import laws_at
 from lacet.identify.selection.laws.replacement import Best, Replacement
 from lacet.identify.selection.laws.search import without_noise
 from lacet.identify.selection.laws.settings import LAWS
-from lacet.identify.selection.rest import AddedLaw, added_laws
+from lacet.identify.selection.rest import AddedLaw, Rest, added_laws
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 
@@ -60,6 +60,24 @@ def only_encompassing(joint: Joint, seed: int, progress: Progress = silent) -> J
         joint = less_a_part(joint, weakest.key, seed, progress)
         doubted = {law.key for law in failing} - {weakest.key}
     return joint if joint is before else with_all_tested(joint, seed, progress)[0]
+
+
+def standing_beside_rest(
+    joint: Joint, rest: Rest, seed: int, progress: Progress = silent, described: bool = False
+) -> tuple[Joint, Rest]:
+    """The same without the effects found that may be parts of an unlisted rest, or do the work of laws of no catalogue.
+
+    What either step takes out is in the rest again, and the others are compared with it anew. `described` : whether
+    the fit has laws that describe an unlisted rest: the effects must stand beside others, too, whatever remains.
+    """
+    while True:
+        joint, rest = not_part_of_the_rest(joint, rest, seed, progress)
+        if not (rest.unlisted or described):
+            return joint, rest
+        standing = only_encompassing(joint, seed, progress)
+        if standing is joint:
+            return joint, rest
+        joint, rest = standing, Rest.of(standing.space, standing.laws, rest.doubted)
 
 
 def kinds_of(rows: Iterable[Row], where: str) -> list[tuple[str, str]]:

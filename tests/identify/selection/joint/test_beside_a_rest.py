@@ -9,7 +9,7 @@ import pytest
 
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.body.payload import Payload
-from lacet.identify.progress import silent
+from lacet.identify.progress import Progress, silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.candidate import Answer, Reason
 from lacet.identify.selection.chow_test import ParameterConstancy
@@ -21,7 +21,9 @@ from lacet.identify.selection.joint.refits import (
     beside_of,
     less_a_part,
     not_part_of_the_rest,
+    with_all_tested,
 )
+from lacet.identify.selection.laws.encompassing import standing_beside_rest
 from lacet.identify.selection.rest import (
     Rest,
     added_faults,
@@ -114,6 +116,24 @@ def test_beside_a_law_that_changes_weaker_ones_of_its_rows_are_no_names(
     without = less_a_part(subset, bar.key, 0, silent)
     found, rest = not_part_of_the_rest(without, Rest.of(without.space, without.laws, bar.rows), 0)
     assert (damper.key in found.keys, rest.doubted, bar.rows <= {*rest.unlisted}) == (False, bar.rows, True)
+
+
+def test_what_a_law_leaves_that_does_not_stand_counts_beside_the_others(subset: Joint, monkeypatch: pytest.MonkeyPatch):
+    """A law of no catalogue does the bar's work: what the bar explained is unlisted in the damper's rows."""
+    bar, damper = (effect.key for effect in LAWS)
+
+    def without_the_bar(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
+        if bar not in joint.keys:
+            return joint
+        return with_all_tested(less_a_part(joint, bar, seed, progress), seed, progress)[0]
+
+    monkeypatch.setattr("lacet.identify.selection.laws.encompassing.only_encompassing", without_the_bar)
+    rest, elsewhere = Rest.of(subset.space, subset.laws), Row("tyre.rl")
+    known = replace(rest, unlisted=(elsewhere,), doubted=frozenset({elsewhere}))
+    found, left = standing_beside_rest(subset, known, 0)
+    assert (found.keys, found.parts) == ((STOP.key,), {bar, damper})
+    assert elsewhere in left.doubted
+    assert {row.kind for row in left.unlisted} >= {"suspension"}
 
 
 def test_where_nothing_else_is_unlisted_what_changes_is_said_and_weaker_laws_may_be_parts_of_it(
