@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.status import Status
 
 from lacet.services.progress import AnyStep, ServiceStage
-from lacet.services.render.progress import sentence, with_time
+from lacet.services.render.progress import overdue, sentence, with_time
 from lacet.services.timing.job_time import JobTime
 
 PERIOD = 5.0
@@ -63,7 +63,9 @@ class Line:
     def __str__(self) -> str:
         """The line as it is now."""
         now = self._time.estimate()
-        return self._text if now is None else with_time(self._text, now.share, now.remaining)
+        if now is None:
+            return self._text
+        return overdue(self._text, now.passed) if now.overdue else with_time(self._text, now.share, now.remaining)
 
     __rich__ = __str__
     """The terminal's line is written anew several times a second, so that the time left runs down within a stage."""

@@ -78,15 +78,20 @@ def sentence(step: AnyStep) -> str:
 
 def with_time(text: str, share: float, remaining: float | None) -> str:
     """A sentence after the share of the job done (0 to 1) and the remaining time [s], if that is known."""
-    about = "" if remaining is None else f", {remaining_time(remaining)}"
+    about = "" if remaining is None else f", about {_duration(remaining)} left"
     return f"{100.0 * share:.0f} %{about}: {text}"
 
 
-def remaining_time(seconds: float) -> str:
-    """The remaining time in words, no finer than it is known."""
+def overdue(text: str, passed: float) -> str:
+    """A sentence of a job that takes longer than was planned, after the time since it began [s]."""
+    return f"{_duration(passed)} so far, longer than planned: {text}"
+
+
+def _duration(seconds: float) -> str:
+    """A time in words, no finer than it is known."""
     if seconds < 100.0:
-        return f"about {max(1, round(seconds))} s left"
-    return f"about {seconds / 60.0:.1f} min left" if seconds < 600.0 else f"about {seconds / 60.0:.0f} min left"
+        return f"{max(1, round(seconds))} s"
+    return f"{seconds / 60.0:.1f} min" if seconds < 600.0 else f"{seconds / 60.0:.0f} min"
 
 
 def in_words(show: Callable[[str], object]) -> Progress:

@@ -36,10 +36,13 @@ NEARLY = 0.99
 @dataclass(frozen=True)
 class Estimate:
     """Share of a job done (0 to 1), and the remaining time [s]; None where too little of the job has been seen, or was
-    planned."""
+    planned. `passed` : time since it began [s]; `overdue` : whether it is in what was not planned, for nobody knows how
+    long, so that its share means little."""
 
     share: float
     remaining: float | None
+    passed: float
+    overdue: bool
 
 
 @dataclass
@@ -129,8 +132,9 @@ class JobTime:
             passed, remaining = now - self._began, self._remaining(now)
             share = passed / (passed + remaining) if passed + remaining > 0.0 else 0.0
             self._share = max(self._share, min(share, NEARLY))
-            shown = self._share >= SEEN and self._not_planned(now) <= UNPLANNED * passed
-            return Estimate(self._share, remaining if shown else None)
+            overdue = self._not_planned(now) > UNPLANNED * passed
+            shown = self._share >= SEEN and not overdue
+            return Estimate(self._share, remaining if shown else None, passed, overdue and self._share >= SEEN)
 
     def end(self, done: bool = True) -> None:
         """The job is over: remember the paces of its stages, the last among them when it was `done`."""

@@ -72,6 +72,7 @@ class Job:
         clock = {
             "elapsed": time.monotonic() - self.began if running and self.began is not None else None,
             "share": now.share if now else None, "remaining": now.remaining if now else None,
+            "overdue": bool(now and now.overdue),
         }  # fmt: skip
         return {name: getattr(self, name) for name in names} | clock | ({"result": self.result} if result else {})
 

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import pytest
 
+from lacet.identify.progress import Stage, Step
 from lacet.services.commands.progress import PERIOD, Line
 from lacet.services.progress import ServiceStage, ServiceStep, Stretch, planned
 
@@ -45,3 +46,16 @@ def test_a_line_names_the_job_its_share_the_time_left_and_the_step(capsys: pytes
     (first,) = capsys.readouterr().err.splitlines()
     assert first == "diagnose: 30 %, about 14 s left: comparing rough with the model"
     assert "\x1b" not in first
+
+
+def test_a_job_that_takes_longer_than_planned_says_how_long_and_no_share(capsys: pytest.CaptureFixture[str]):
+    now = [0.0]
+    fit, test = Stage.FIT_WITH_EFFECTS, Stage.SCORE_TESTS
+    rounds = (Stretch(fit, 50.0), Stretch(test, 50.0))
+    with Line("diagnose", period=700.0, clock=lambda: now[0]) as line:
+        line.progress(planned(rounds, further={fit: rounds}))
+        for k in range(15):
+            line.progress(Step(test if k % 2 else fit, subject=f"law {k}"))
+            now[0] += 50.0
+    (told,) = capsys.readouterr().err.splitlines()
+    assert told == "diagnose: 12 min so far, longer than planned: a fit with law 14"

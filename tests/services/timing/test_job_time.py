@@ -163,10 +163,12 @@ def test_a_plan_goes_on_where_a_search_does():
     now = time.estimate()
     assert now is not None
     assert now.remaining == pytest.approx(36.0, rel=0.05)
+    assert (now.passed, now.overdue) == (44.0, False)
     clock.now += 10.0
     now = time.estimate()
     assert now is not None
     assert now.remaining is None, "fourteen seconds of fifty-four were not planned, and others may follow"
+    assert (now.passed, now.overdue) == (54.0, True)
     time.step(planned([Stretch(ServiceStage.COMPARING, 20.0)]))
     time.step(ServiceStep(ServiceStage.COMPARING))
     now = time.estimate()

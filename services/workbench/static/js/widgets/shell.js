@@ -33,11 +33,12 @@ function part(job) {
   return job.share ?? (job.total ? Math.min(1, job.done / job.total) : null);
 }
 
-/** Share done and time left, which runs down between two events; else the seconds since it began. */
+/** Share done and time left, which runs down between two events; else the seconds since it began, also when overdue. */
 function timeOf(job) {
   const since = (Date.now() - job.heard) / 1000;
   const seconds = `${Math.floor((job.elapsed ?? 0) + since)} s`;
   if (job.share === null || job.share === undefined) return seconds;
+  if (job.overdue) return `${seconds} so far, longer than planned`;
   const share = `${Math.round(100 * job.share)} %`;
   if (job.remaining === null || job.remaining === undefined) return `${share} in ${seconds}`;
   const wait = Math.max(1, Math.round(job.remaining - since));
