@@ -27,7 +27,8 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import fit
 from lacet.identify.selection.candidate import Candidate
-from lacet.identify.selection.diagnose import Diagnosis, diagnose
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.diagnosis import Diagnosis
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import floor_of
 from lacet.identify.validation.score import compare

@@ -27,7 +27,8 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.sensor_offsets import zeros_of
 from lacet.identify.regression.wls import Fit, corrected_run, fit
-from lacet.identify.selection.diagnose import Diagnosis, diagnose
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.diagnosis import Diagnosis
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of, simulate_floor
 from lacet.identify.validation.score import profile_zeros
 

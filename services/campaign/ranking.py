@@ -29,7 +29,8 @@ from lacet.identify.selection.columns.regressor_noise import (
 )
 from lacet.identify.selection.columns.samples import SampleTask, T
 from lacet.identify.selection.columns.weighted_columns import Weighting
-from lacet.identify.selection.diagnose import Diagnosis, diagnose_runs
+from lacet.identify.selection.diagnose import diagnose_runs
+from lacet.identify.selection.diagnosis import Diagnosis
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS, NoiseFloor, draws_of_piece
 from lacet.identify.validation.score import row_ratios
 from lacet.services.campaign.cluster import Cluster

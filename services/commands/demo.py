@@ -16,7 +16,7 @@ from lacet.daq.formats.log import LogReader
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.parts import require
-from lacet.identify.selection.diagnose import Diagnosis
+from lacet.identify.selection.diagnosis import Diagnosis
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS
 from lacet.identify.validation.score import failing_rows, pooled_ratio, worst_row
 from lacet.services.commands import decode

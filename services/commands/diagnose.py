@@ -9,7 +9,7 @@ from typing import Any
 
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, write_result
-from lacet.identify.selection.diagnose import Diagnosis
+from lacet.identify.selection.diagnosis import Diagnosis
 from lacet.identify.validation.noise_floor import LEAST_DRAWS
 from lacet.services.commands.progress import Line
 from lacet.services.planning.separation import next_run, tied, untestable

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 from lacet.identify.effects.base import Effect
 from lacet.identify.selection.candidate import Candidate
-from lacet.identify.selection.diagnose import Diagnosis, diagnose
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.diagnosis import Diagnosis
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS
 from lacet.services.library.display import html_table, shortened
 from lacet.services.library.fits import Fit, catalogue

@@ -32,7 +32,7 @@ from lacet.identify.progress import silent
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.candidate import Answer, Candidate
-from lacet.identify.selection.diagnose import Diagnosis
+from lacet.identify.selection.diagnosis import Diagnosis
 from lacet.services.cache.keys import service_sources, simulator_sources
 from lacet.services.planning.manoeuvre_library import Limits, Plan, kinds, library
 from lacet.services.planning.nominal_car import known_values, planned_car

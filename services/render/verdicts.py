@@ -12,7 +12,7 @@ from lacet.identify.effects.base import Effect, Implausible, Parameter
 from lacet.identify.properties.sums_of_places import SumOfPlaces
 from lacet.identify.selection.candidate import Answer, Candidate, Reason, is_significant
 from lacet.identify.selection.chow_test import ParameterConstancy
-from lacet.identify.selection.diagnose import Diagnosis, Grounds
+from lacet.identify.selection.diagnosis import Diagnosis, Grounds
 from lacet.identify.selection.laws.formulas import Formula, Law
 from lacet.identify.selection.settings import SELECTION
 from lacet.services.render import tables

@@ -21,7 +21,7 @@ from lacet.daq.formats.run_files import further_files
 from lacet.identify.car.manoeuvre_phases import Phases
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
-from lacet.identify.selection.diagnose import Diagnosis
+from lacet.identify.selection.diagnosis import Diagnosis
 from lacet.identify.validation.contributions import Shares
 from lacet.identify.validation.failure_analysis import FailureAnalysis
 from lacet.identify.validation.score import Comparison

@@ -18,7 +18,7 @@ from lacet.identify.properties.whole_vehicle import NAMES, UNITS, WholeVehicle, 
 from lacet.identify.regression.sums.linear_fit import FittedModel
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.candidate import Candidate
-from lacet.identify.selection.diagnose import Diagnosis
+from lacet.identify.selection.diagnosis import Diagnosis
 from lacet.identify.validation.parameter_estimates import Estimate, estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.row_sources import row_sources

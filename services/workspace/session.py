@@ -13,7 +13,7 @@ from lacet.identify.effects.catalogue import base_model, find_effect
 from lacet.identify.progress import silent
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit
-from lacet.identify.selection.diagnose import Diagnosis
+from lacet.identify.selection.diagnosis import Diagnosis
 from lacet.identify.selection.joint.shape_constants import constants_by_runs
 from lacet.identify.validation.noise_floor import SCORE_DRAWS
 from lacet.identify.validation.score import compare

@@ -9,7 +9,8 @@ import pytest
 
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.diagnose import Diagnosis, diagnose
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.diagnosis import Diagnosis
 from lacet.identify.validation.noise_floor import NoiseFloor
 
 

@@ -18,7 +18,8 @@ from lacet.identify.properties.derived import DamperCurve, damper_curves
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise
-from lacet.identify.selection.diagnose import Diagnosis, diagnose
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.diagnosis import Diagnosis
 from lacet.identify.validation.contributions import Shares, shares_of
 from lacet.identify.validation.failure_analysis import FailureAnalysis, analyse_failure
 from lacet.identify.validation.noise_floor import SCORE_DRAWS, NoiseFloor, RunDraws, floor_of

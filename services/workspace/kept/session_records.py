@@ -14,7 +14,7 @@ from lacet.identify.regression.sensitivity import ExpansionPoint
 from lacet.identify.regression.sums.prepared_runs import without_faults
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise
-from lacet.identify.selection.diagnose import Diagnosis
+from lacet.identify.selection.diagnosis import Diagnosis
 
 _LIVE = ("model", "runs", "assembly")
 """What a fit holds beside its values: it is made again from the study."""

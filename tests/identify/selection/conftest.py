@@ -7,7 +7,8 @@ import pytest
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.columns.linearisation import Linearisation
-from lacet.identify.selection.diagnose import Diagnosis, diagnose
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.diagnosis import Diagnosis
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from tests.identify.exact_car import driven, exact, exact_with, fit_of

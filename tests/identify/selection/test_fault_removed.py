@@ -10,7 +10,8 @@ from lacet.identify.regression.sums.prepared_runs import recording_without_fault
 from lacet.identify.regression.wls import Fit, FitOptions, extended, fit, refitted
 from lacet.identify.selection.chow_test import ParameterConstancy, chow_test_in_model
 from lacet.identify.selection.columns.linearisation import Linearisation
-from lacet.identify.selection.diagnose import Diagnosis, diagnose
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.diagnosis import Diagnosis
 from lacet.identify.selection.rest import AddedLaw, added_faults, departures_on_rows
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.signals.reconstruct import Recording

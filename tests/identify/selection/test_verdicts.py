@@ -13,7 +13,8 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.candidate import Answer, Candidate, Reason, is_significant, judged
-from lacet.identify.selection.diagnose import Diagnosis, diagnose
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.diagnosis import Diagnosis
 from lacet.identify.selection.joint.unknown_tables import BesideTable
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION

@@ -27,7 +27,8 @@ from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.chow_test import ParameterConstancy
 from lacet.identify.selection.columns.linearisation import Linearisation
-from lacet.identify.selection.diagnose import Diagnosis, diagnose
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.diagnosis import Diagnosis
 from lacet.identify.selection.joint.unknown_tables import (
     BesideTable,
     LackingTables,
