@@ -67,7 +67,7 @@ def standing_beside_rest(
 ) -> tuple[Joint, Rest]:
     """The same without the effects found that may be parts of an unlisted rest, or do the work of laws of no catalogue.
 
-    What either step takes out is in the rest again, and the others are compared with it anew. `described` : whether
+    What either step removes is in the rest again, and the others are compared with it anew. `described` : whether
     the fit has laws that describe an unlisted rest: the effects must stand beside others, too, whatever remains.
     """
     while True:
