@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -312,6 +313,12 @@ class Motion:
         """(3, N) mass × specific force of what is unsprung at a corner, where its mass is known [N]; else 0."""
         mass = self.masses.get(f"axle.{corner}")
         return 0.0 if mass is None else mass * self.corners[corner].centre_accel
+
+    @cached_property
+    def equations(self) -> frozenset[Row]:
+        """Its rows, and those that its combined rows consist of."""
+        parts = (part for row in self.rows if row.combined for part in self.weights(row))
+        return frozenset((*self.rows, *parts))
 
     def weights(self, row: Row) -> dict[Row, Array | float]:
         """Weights of the rows that a combined row consists of: 1, or lengths [m], (N,) or scalar.

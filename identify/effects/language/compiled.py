@@ -67,10 +67,9 @@ class OneLine(PhysicalEffect):
                 yield (f"{law.row}.{corner}" if corner else law.row), corner, law
 
     def lacks(self, motion: Motion) -> tuple[str, ...]:
-        """Channels of its states that a run lacks, in the rows that the run has."""
-        uses = [
-            (use, corner) for row, corner, law in self.acted_on() for use in law.uses.values() if row in motion.rows
-        ]
+        """Channels of its states that a run lacks, in the rows that the run has or combines."""
+        there = motion.equations
+        uses = [(use, corner) for row, corner, law in self.acted_on() for use in law.uses.values() if row in there]
         return tuple(dict.fromkeys(channel for use, corner in uses for channel in use.lacks(motion, corner)))
 
     def columns(self, motion: Motion) -> dict[str, Array]:

@@ -17,6 +17,7 @@ from lacet.daq.errors import UsageError
 from lacet.daq.expressions.written_units import whole_unit
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import Motion
+from lacet.identify.car.rows import BODY_ROWS
 from lacet.identify.effects.catalogue import effect_classes
 from lacet.identify.effects.language.compiled import WHEEL_FORCE, OneLine, effect_class
 from lacet.identify.effects.language.parser import LineFault, read_line, read_lines
@@ -332,6 +333,9 @@ def test_a_state_that_is_not_measured_is_named(motion: Motion) -> None:
     assert bar.lacks(motion) == ()
     rear = variants("x = suspension: k*travel^2")["x.rear"]
     assert rear.lacks(less) == ()
+    combined = replace(less, rows=BODY_ROWS)
+    assert set(bar.lacks(combined)) == {"laser.fr.hub", "correvit.speed"}, "the body's rows are sums of suspensions'"
+    assert rear.lacks(combined) == ()
 
 
 def test_a_law_without_a_finite_value_names_time_and_state(motion: Motion) -> None:
