@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.daq.errors import RunError
+from lacet.daq.errors import RunError, nearest
 from lacet.daq.maps.assembly import Assembly, ChannelPiece
 from lacet.daq.maps.channel_map import ChannelMap, Said
 from lacet.daq.maps.resolution import Key, in_si, resolved
@@ -194,6 +195,7 @@ class Conversion:
         lacking = [f"{name} was left out: {why}" for name, why in found.lacking.items()]
         self.assemblies = [Assembly(*one) for one in found.recipes]
         self.notes += lacking
+        self.notes += self._said_of_none()
         if found.without_unit:
             names = ", ".join(found.without_unit)
             self.notes.append(f"without a unit in file and map, taken as SI: {names}")
@@ -201,3 +203,22 @@ class Conversion:
             path = ", ".join(str(source.path) for source in self.sources)
             remedy = f"correct {self.map.name}, or let lacet propose one: lacet map --guess {self.sources[0].path}"
             raise RunError(path, [*lacking, remedy])
+
+    def _said_of_none(self) -> list[str]:
+        """Notes on lines of `[sources]` that are about no name of the logs: what they say, a delay or unit, is lost."""
+        names = {*self._places, *(name for one in self.map.channels.values() for name in one.written.names.values())}
+        return [
+            f"[sources] '{said}' fits no name of the log and says nothing{nearest(said, names)}"
+            for said in self.map.sources
+            if not any(fnmatch.fnmatchcase(name, said) for name in names) and not self._is_listed(said)
+        ]
+
+    def _is_listed(self, name: str) -> bool:
+        """Whether a log has a name, however it is written."""
+        for source in self.sources:
+            try:
+                resolve(name, source.listed)
+            except KeyError:
+                continue
+            return True
+        return False

@@ -29,6 +29,7 @@ _MISSING = ["", "NaN", "nan", "NAN", "NA", "N/A", "#N/A", "n/a", "-", "--", "---
 """Cells without a value."""
 _BLOCK = 1 << 22
 """Bytes that are read at a time."""
+_DAY = 86400.0
 _CLOCK = re.compile(r"^\d{1,2}:\d\d(:\d\d([.,]\d+)?)?$|^\d{4}-\d\d-\d\d[T ]\d\d:\d\d|^\d{1,2}[./]\d{1,2}[./]\d{4} \d")
 
 
@@ -90,6 +91,7 @@ class CsvTable(Source):
         wanted: list[str] = list(dict.fromkeys([*([time.name] if time else []), *names]))
         types: dict[str, Any] = {n: pa.string() if n in self._clock_columns else pa.float64() for n in wanted}
         rows, self.done = 0, 0.0
+        self._before: dict[str, float] = {}
         try:
             stream = pa_csv.open_csv(
                 self._open(), read_options=pa_csv.ReadOptions(
@@ -153,7 +155,11 @@ class CsvTable(Source):
 
     def _numbers(self, column: Any, name: str) -> Array:
         if name in self._clock_columns:
-            return _clock(["" if one is None else one for one in column.to_pylist()])
+            found = _clock(["" if one is None else one for one in column.to_pylist()], self._before.get(name, np.nan))
+            known = found[np.isfinite(found)]
+            if known.size:
+                self._before[name] = float(known[-1])
+            return found
         missing = pa.Array.from_buffers(pa.float64(), 1, [None, pa.py_buffer(np.array([np.nan]))])[0]
         return np.asarray(np.from_dlpack(column.fill_null(missing)), np.float64)
 
@@ -284,8 +290,8 @@ def _text_of(begin: bytes, path: Path, encoding: str) -> str:
         raise fault(path, f"there is no encoding {encoding!r}: utf-8, cp1252, utf-16 …") from None
 
 
-def _clock(cells: list[str]) -> Array:
-    """Seconds of times of day, or since 1970 of dates."""
+def _clock(cells: list[str], before: float = np.nan) -> Array:
+    """Seconds of times of day, or since 1970 of dates; `before` : those of the line before, NaN for the first."""
     if any("-" in cell or "/" in cell or cell.count(".") > 1 for cell in cells[:5]):
         out = np.full(len(cells), np.nan)
         for at, cell in enumerate(cells):
@@ -300,9 +306,23 @@ def _clock(cells: list[str]) -> Array:
                 continue
         return out
     parts = [cell.replace(",", ".").split(":") for cell in cells]
-    return np.array([
+    of_day = np.array([
         sum(float(x) * f for x, f in zip(p, (3600.0, 60.0, 1.0), strict=False)) if len(p) > 1 else np.nan for p in parts
     ])  # fmt: skip
+    return _past_midnight(of_day, before)
+
+
+def _past_midnight(of_day: Array, before: float) -> Array:
+    """Times of day that go on after midnight; `before` : the time of the line before, NaN for the first.
+
+    A time more than half a day before the last one is of the next day: a clock that is set back is not by as much.
+    """
+    known = np.flatnonzero(np.isfinite(of_day))
+    last = before if np.isfinite(before) else float(of_day[known[0]]) if known.size else 0.0
+    steps = np.diff(of_day[known], prepend=last % _DAY)
+    out = of_day + _DAY * (last // _DAY)
+    out[known] += _DAY * np.cumsum(steps < -0.5 * _DAY)
+    return out
 
 
 def _said(cause: BaseException) -> str:

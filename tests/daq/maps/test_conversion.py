@@ -48,6 +48,18 @@ B = "mm"
     np.testing.assert_allclose(run.signals["laser.fr.hub"].values[:, 0], np.maximum(10 + T, 12) * 1e-3, atol=1e-9)
 
 
+def test_a_line_about_no_name_of_the_log_is_told_with_the_nearest(tmp_path: Path) -> None:
+    """A delay under a misspelt name would be lost; names that no channel needs, and patterns, may stand."""
+    file = table(tmp_path / "a.csv", t=T, SWA=np.sin(T), V=10 + T)
+    text = '[sources]\nSWA = "deg"\nSVA = { delay = "30 ms" }\n"V*" = "km/h"\n"acc*" = "g"\n'
+    run = made(file, text + '[channels]\n"steering.angle" = "SWA"')
+    told = [problem for problem in run.problems if "fits no name" in problem]
+    assert told == [
+        "[sources] 'SVA' fits no name of the log and says nothing; did you mean 'SWA'?",
+        "[sources] 'acc*' fits no name of the log and says nothing",
+    ]
+
+
 def test_a_unit_is_taken_from_the_file_and_the_map_says_another(tmp_path: Path) -> None:
     file = tmp_path / "a.csv"
     file.write_text("t,A [km/h]\n0,36\n1,72\n2,36\n")

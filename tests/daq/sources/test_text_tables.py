@@ -48,6 +48,27 @@ def test_cells_without_a_value_have_none(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.isnan(read_all(source, ["a"])["a"].values), [False, True, True, True, False])
 
 
+@pytest.mark.parametrize("lines", [30, 60_000])
+def test_times_of_day_go_on_after_midnight(tmp_path: Path, lines: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Within the part from which the form is found, and from one block of lines to the next."""
+    monkeypatch.setattr("lacet.daq.sources.csv_table._BLOCK", 1 << 16)
+    first = 86400.0 - 0.01 * (lines // 2)
+    of_day = [(first + 0.01 * k) % 86400.0 for k in range(lines)]
+    rows = [f"{int(t // 3600):02d}:{int(t // 60 % 60):02d}:{t % 60:06.3f},{k}" for k, t in enumerate(of_day)]
+    source = opened(tmp_path, "\n".join(["clock,a", *rows]) + "\n")
+    found = read_all(source, ["a"])["a"]
+    np.testing.assert_allclose(found.t, first + 0.01 * np.arange(lines), atol=2e-3)
+    again = read_all(source, ["a"])["a"]
+    np.testing.assert_array_equal(again.t, found.t)
+
+
+def test_a_clock_that_is_set_back_an_hour_is_not_past_midnight(tmp_path: Path) -> None:
+    seconds = np.r_[43_200:43_500, 39_900:40_000]
+    rows = [f"{t // 3600:02d}:{t // 60 % 60:02d}:{t % 60:02d},5" for t in seconds]
+    source = opened(tmp_path, "\n".join(["clock,a", *rows]) + "\n")
+    np.testing.assert_array_equal(read_all(source, ["a"])["a"].t, seconds)
+
+
 def test_a_table_without_times_has_a_rate(tmp_path: Path) -> None:
     source = opened(tmp_path, "a,b\n1,5\n1,4\n2,5\n2,1\n", rate=50.0)
     np.testing.assert_allclose(read_all(source, ["b"])["b"].t, [0.0, 0.02, 0.04, 0.06])
