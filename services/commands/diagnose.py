@@ -14,6 +14,7 @@ from lacet.identify.validation.noise_floor import LEAST_DRAWS
 from lacet.services.commands.progress import Line
 from lacet.services.planning.separation import next_run, tied, untestable
 from lacet.services.render import tables
+from lacet.services.render.implausible_values import implausible_text
 from lacet.services.render.known_scale import weak_scale
 from lacet.services.render.separation_report import hint, next_text
 from lacet.services.render.verdicts import print_change, print_diagnosis
@@ -78,8 +79,9 @@ def run(args: argparse.Namespace) -> int:
     if session.runs.present[0]:  # a ranking that is kept needs no run
         for warning in session.runs.loaded.sheet:
             print(f"! {warning}")
-    if scale := weak_scale(session.study.version().result):
-        print(f"! {scale}")
+    present = session.study.version().result
+    for doubt in filter(None, (implausible_text(present), weak_scale(present))):
+        print(f"! {doubt}")
     if args.auto:
         print(tables.history(session.study.versions()))
     elif result["best"]:

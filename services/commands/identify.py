@@ -23,6 +23,7 @@ from lacet.services.progress import ServiceStage, ServiceStep, Stretch, planned
 from lacet.services.render import tables
 from lacet.services.render.consistency_report import consistency_text, left_open
 from lacet.services.render.identifiability import not_derived_lines
+from lacet.services.render.implausible_values import implausible_text
 from lacet.services.render.known_scale import weak_scale
 from lacet.services.render.row_sources import assumptions_table, sources_table
 from lacet.services.timing.usual import stretch
@@ -163,7 +164,7 @@ def run(args: argparse.Namespace) -> int:
         print("\n" + tables.rows(result["rows"]["used"]))
     if result["bad_seconds"]:
         print("\n" + tables.bad_seconds(result))
-    for warning in (*loaded.warnings, *loaded.sheet, *filter(None, [weak_scale(result)])):
+    for warning in (*loaded.warnings, *loaded.sheet, *filter(None, [implausible_text(result), weak_scale(result)])):
         print(f"! {warning}")
     for file in pictures:
         print(f"picture: {file}")

@@ -15,6 +15,7 @@ from lacet.identify.validation.noise_floor import DEFAULT_DRAWS, LEAST_DRAWS
 from lacet.services.cache.store import FOLDER, Store
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
+from lacet.services.render.implausible_values import implausible_text
 from lacet.services.render.known_scale import weak_scale
 from lacet.services.workspace.import_log import imported
 from lacet.services.workspace.loading import default_filters, find_rig, find_vehicle
@@ -89,8 +90,9 @@ def run(args: argparse.Namespace) -> int:
     if len(versions) > 1:
         print(f"\n{tables.fall_by_row(versions)}")
     print(f"  present version: {study.current}")
-    if scale := weak_scale(study.version().result):
-        print(f"! {scale}")
+    result = study.version().result
+    for doubt in filter(None, (implausible_text(result), weak_scale(result))):
+        print(f"! {doubt}")
     if args.report:
         with Line("study") as line:
             write_report(Session(study, line.progress), args.report)

@@ -17,6 +17,7 @@ from lacet.identify.effects.catalogue import effect_classes
 from lacet.identify.validation.residual_map import BIN, residual_map
 from lacet.identify.validation.score import FAILS, Comparison, pooled_ratio
 from lacet.services.render.effect_text import effect_label
+from lacet.services.render.implausible_values import implausible_text
 from lacet.services.render.known_scale import weak_scale
 from lacet.services.render.row_sources import sources_tables
 from lacet.services.render.rows import ERROR_MEANINGS, error_summary, row_label, with_verdict
@@ -112,7 +113,7 @@ def version_payload(study: Study, version: Version) -> dict[str, Any]:
         "errors": error_summary(rows["used"], rows["held"]), "used": used,
         "held": held, "runs_differ": (set(used), set(held)) != (set(study.used), set(study.held)),
         "not_judged": version.result.get("not_judged", []),
-        "scale": weak_scale(version.result),
+        "doubts": [text for text in (implausible_text(version.result), weak_scale(version.result)) if text],
         "row_sources": sources_tables(version.result.get("row_sources", [])),
     }  # fmt: skip
 

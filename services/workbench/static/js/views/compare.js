@@ -139,7 +139,7 @@ class Compare {
     this.strip.replaceChildren(strip(this.app, this.found.rows.find((s) => s.row === state.row)));
     this.table.replaceChildren(table({ rows: this.found.rows, chosen: state.row, beneath: new Set(this.layout.rows),
       onRow: (row) => this.app.set({ row }), onBeneath: (row, on) => this.beneath(row, on) }));
-    this.sources.replaceChildren(...sourcesTables(version.row_sources, version.scale));
+    this.sources.replaceChildren(...sourcesTables(version.row_sources, version.doubts));
     this.forces.of(this.found.used ? "" : `api/forces/${state.version}/${encodeURIComponent(state.run)}`);
     this.arrange();
     void this.fetch();

@@ -79,12 +79,12 @@ export function table({ rows, chosen, beneath, onRow, onBeneath }) {
  * Which rows are measured, derived, assumed or impossible, and what would have to be added; below, what channels that
  * are not measured are taken from, and what is assumed.
  * @param {Array<{head: Array<string>, lines: Array<Array<string>>}>} sources
- * @param {string} scale what is said of the scale of all values, where it is hardly known
+ * @param {Array<string>} doubts what is said of all values: of a scale that is hardly known, of values that no car has
  * @returns {Array<HTMLElement>}
  */
-export function sourcesTables(sources, scale) {
+export function sourcesTables(sources, doubts) {
   if (!sources.length) return [h("p", { class: "muted", text: "Versions made from now on show it." })];
-  const note = scale ? [h("p", { class: "notice", text: `${scale}.` })] : [];
+  const note = doubts.map((text) => h("p", { class: "notice", text: `${text}.` }));
   return [...note, ...sources.flatMap(({ head, lines, note: below }) => {
     const filled = head.map((_, k) => lines.some((line) => line[k]));
     const shown = (line) => line.filter((_, k) => filled[k]);
