@@ -30,6 +30,7 @@ from lacet.identify.selection.joint.inseparable import with_inseparable
 from lacet.identify.selection.joint.refits import (
     Joint,
     less_a_part,
+    not_part_of_the_rest,
     only_plausible,
     with_all_tested,
 )
@@ -54,7 +55,7 @@ from lacet.identify.selection.joint.unknown_tables import (
 )
 from lacet.identify.selection.joint.wrong_tables import axles_without_tables, confounded_with
 from lacet.identify.selection.laws.described import Described, described
-from lacet.identify.selection.laws.encompassing import standing_beside_rest
+from lacet.identify.selection.laws.encompassing import only_encompassing
 from lacet.identify.selection.laws.formulas import Formula, propose
 from lacet.identify.selection.laws.unlisted_rivals import with_unlisted_rivals
 from lacet.identify.selection.relinearisation import latencies_beside, relinearised_tests
@@ -127,7 +128,9 @@ def _settled(joint: Joint, seed: int, progress: Progress) -> tuple[Joint, Rest]:
         rest = Rest.of(joint.space, joint.laws)
     possible = only_plausible(joint, seed, progress)
     rest = rest if possible is joint else Rest.of(possible.space, possible.laws)
-    return standing_beside_rest(possible, rest, seed, progress)
+    joint, rest = not_part_of_the_rest(possible, rest, seed, progress)
+    standing = only_encompassing(joint, seed, progress) if rest.unlisted else joint
+    return standing, rest if standing is joint else Rest.of(standing.space, standing.laws)
 
 
 def _without_doubted(
@@ -143,7 +146,8 @@ def _without_doubted(
     for one in standing:
         joint = less_a_part(joint, one.key, seed, progress)
     rows = frozenset(row for one in standing for row in one.rows)
-    return standing_beside_rest(*with_all_tested(joint, seed, progress, rows), seed, progress)[0], rows
+    joint, rest = not_part_of_the_rest(*with_all_tested(joint, seed, progress, rows), seed, progress)
+    return only_encompassing(joint, seed, progress) if rest.unlisted else joint, rows
 
 
 def _of_another_start(joint: Joint, rest: Rest, seed: int, progress: Progress) -> tuple[Joint, Rest]:

@@ -13,12 +13,13 @@ from dataclasses import dataclass, replace
 from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.selection.joint.refits import (
     Joint,
+    not_part_of_the_rest,
     only_plausible,
     only_standing,
     with_all_tested,
 )
 from lacet.identify.selection.joint.rounds import continued
-from lacet.identify.selection.laws.encompassing import standing_beside_rest
+from lacet.identify.selection.laws.encompassing import only_encompassing, standing_beside_rest
 from lacet.identify.selection.laws.formulas import Formula, described_by, propose
 from lacet.identify.selection.rest import Rest
 
@@ -50,8 +51,10 @@ def described(joint: Joint, rest: Rest, seed: int, progress: Progress) -> Descri
     # Longer laws would describe a part of listed effects, too.
     laws = [law for one in formulas if not (law := one.of_one_term).listed]
     before = Described(joint, rest, joint, rest, tuple(formulas))
-    if joint.base is None or not laws:
+    if joint.base is None:
         return before
+    if not laws:
+        return _undescribed(before, seed, progress)
     base = joint.base.with_effects([described_by(law, joint.space) for law in laws])
     # Of an effect of one run nothing shows that it is the same again: it may be a part of what is not described.
     of_runs = {key for key, effect in joint.first.effects.items() if effect.is_of_run() and key not in joint.keys}
@@ -59,7 +62,7 @@ def described(joint: Joint, rest: Rest, seed: int, progress: Progress) -> Descri
     known, remaining = with_all_tested(again, seed, progress)
     hides = remaining.lack.excess(rest.unlisted)
     if rest.excess - hides <= hides:  # the laws describe no more than remains
-        return before
+        return _undescribed(before, seed, progress)
     found = _searched_again(known, joint.parts, seed, progress)
     out = replace(
         before, beside=found, beside_rest=Rest.of(found.space, found.laws), laws=tuple(law.text for law in laws)
@@ -68,6 +71,12 @@ def described(joint: Joint, rest: Rest, seed: int, progress: Progress) -> Descri
         return out
     without, rest = with_all_tested(on_base_of(joint, found), seed, progress)
     return replace(out, joint=without, rest=rest)
+
+
+def _undescribed(found: Described, seed: int, progress: Progress) -> Described:
+    """The same effects where no law describes the rest: each is compared with all of it."""
+    joint, rest = standing_beside_rest(found.joint, found.rest, seed, progress)
+    return replace(found, joint=joint, rest=rest, beside=joint, beside_rest=rest)
 
 
 def on_base_of(joint: Joint, found: Joint) -> Joint:
@@ -88,5 +97,7 @@ def on_base_of(joint: Joint, found: Joint) -> Joint:
 def _searched_again(known: Joint, parts: Collection[str], seed: int, progress: Progress) -> Joint:
     """What is found in a fit that has laws that describe a rest; `parts` : keys of what did not stand without them."""
     found = only_plausible(continued(only_standing(known, seed, progress), seed, progress), seed, progress)
-    found, _ = standing_beside_rest(found, Rest.of(found.space, found.laws), seed, progress, described=True)
+    found, _ = not_part_of_the_rest(found, Rest.of(found.space, found.laws), seed, progress)
+    found = only_encompassing(found, seed, progress)
+    found, _ = standing_beside_rest(found, Rest.of(found.space, found.laws), seed, progress)
     return replace(found, parts=(found.parts | {*parts}) - set(found.keys))

@@ -62,22 +62,16 @@ def only_encompassing(joint: Joint, seed: int, progress: Progress = silent) -> J
     return joint if joint is before else with_all_tested(joint, seed, progress)[0]
 
 
-def standing_beside_rest(
-    joint: Joint, rest: Rest, seed: int, progress: Progress = silent, described: bool = False
-) -> tuple[Joint, Rest]:
-    """The same without the effects found that may be parts of an unlisted rest, or do the work of laws of no catalogue.
-
-    What either step removes is in the rest again, and the others are compared with it anew. `described` : whether
-    the fit has laws that describe an unlisted rest: the effects must stand beside others, too, whatever remains.
+def standing_beside_rest(joint: Joint, rest: Rest, seed: int, progress: Progress = silent) -> tuple[Joint, Rest]:
+    """The same without the effects found that may be parts of what remains, now that others do not stand beside laws
+    of no catalogue, and what then remains: what these explained is in the rest again.
     """
     while True:
-        joint, rest = not_part_of_the_rest(joint, rest, seed, progress)
-        if not (rest.unlisted or described):
+        others, rest = not_part_of_the_rest(joint, rest, seed, progress)
+        if others is joint:
             return joint, rest
-        standing = only_encompassing(joint, seed, progress)
-        if standing is joint:
-            return joint, rest
-        joint, rest = standing, Rest.of(standing.space, standing.laws, rest.doubted)
+        joint = only_encompassing(others, seed, progress) if rest.unlisted else others
+        rest = rest if joint is others else Rest.of(joint.space, joint.laws, rest.doubted)
 
 
 def kinds_of(rows: Iterable[Row], where: str) -> list[tuple[str, str]]:
