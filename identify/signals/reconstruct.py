@@ -16,6 +16,7 @@ from lacet.daq.assumptions import Assumption
 from lacet.daq.blocks import Flag
 from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import RunError
+from lacet.daq.pauses import pauses
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import Vehicle
@@ -25,8 +26,6 @@ from lacet.identify.signals.for_equations import for_equations
 from lacet.identify.signals.sources import Law, Source
 from lacet.identify.signals.wiener import WienerSmoother, motion_beyond
 
-_GAP = 0.020
-"""Longest gap in the samples that is interpolated without flagging an interval [s]."""
 _LEAST_USABLE = 30
 """Least number of usable samples of a channel."""
 
@@ -313,7 +312,7 @@ def _grid(run: Run, rig: Rig, filters: Filters) -> tuple[Array, list[RunNote]]:
 
 
 def _fill(signal: Signal) -> tuple[Array | None, list[tuple[float, float]]]:
-    """Values with unusable samples interpolated, and the gaps longer than `_GAP` as (from, to) [s]."""
+    """Values with unusable samples interpolated, and the gaps (`pauses`) as (from, to) [s]."""
     good = signal.usable
     if np.count_nonzero(good) < _LEAST_USABLE:
         return None, []
@@ -323,10 +322,8 @@ def _fill(signal: Signal) -> tuple[Array | None, list[tuple[float, float]]]:
         columns = [np.asarray(np.interp(signal.t, t, column[good]), float) for column in signal.values.T]
         values = np.stack(columns, axis=1)
     # Lost samples leave no rows: a gap shows as a long step between usable stamps, whatever its cause.
-    threshold = max(_GAP, 3.0 * float(np.median(np.diff(t))))
     edges = np.concatenate(([signal.t[0] - 1e-9], t, [signal.t[-1] + 1e-9]))
-    wide = np.flatnonzero(np.diff(edges) > threshold)
-    holes = [(float(edges[i]), float(edges[i + 1])) for i in wide]
+    holes = pauses(edges, float(np.median(np.diff(t))))
     clock = signal.t[(signal.flags & int(Flag.CLOCK)) != 0]
     return values, holes + [(float(x), float(x)) for x in clock]
 

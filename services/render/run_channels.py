@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from lacet.daq.pauses import pauses
 from lacet.daq.run import Signal
 from lacet.daq.stuck import instrument
 from lacet.services.render import tables
+from lacet.services.render.pauses import pause_lines
 
 
 def channels_text(signals: Mapping[str, Signal]) -> str:
-    """One line a sensor, those at the wheels together; below them the channels with unusable samples.
+    """One line a sensor, those at the wheels together; below them channels with unusable samples, or with pauses.
 
     Samples and rates [Hz] are the lowest to the highest of its channels where they differ.
     """
@@ -30,7 +32,9 @@ def channels_text(signals: Mapping[str, Signal]) -> str:
     parts = [f"{name} {number} of {len(signals[name].t)}" for name, number in unusable.items() if number]
     text = tables.table(["sensor", "channels", "samples", "Hz"], lines, text_columns=2)
     listed = ", ".join(parts) or "none"
-    return f"{text}\n{tables.wrapped(f'  unusable samples: {listed}', 4)}"
+    paused = pause_lines({name: pauses(signal.t) for name, signal in signals.items()})
+    lines_below = [f"  unusable samples: {listed}", *(f"  {line}" for line in paused)]
+    return "\n".join([text, *(tables.wrapped(line, 4) for line in lines_below)])
 
 
 def _measured(names: Sequence[str]) -> str:

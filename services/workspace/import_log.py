@@ -18,10 +18,12 @@ from lacet.daq.maps.assembly import ChannelPiece
 from lacet.daq.maps.channel_map import ChannelMap
 from lacet.daq.maps.conversion import Conversion
 from lacet.daq.maps.mapped_run import mapped_run
+from lacet.daq.pauses import Stamps, pauses
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.progress import silent
 from lacet.services.progress import Progress, ServiceStage, ServiceStep
+from lacet.services.render.pauses import pause_lines
 
 MESSAGE_SAMPLES = 4096
 """Samples of a channel in one message of the log."""
@@ -52,6 +54,7 @@ def import_logs(
     part = output.with_name(output.name + ".part")
     samples: dict[str, int] = {}
     usable: dict[str, int] = {}
+    stamps: dict[str, Stamps] = {}
     spans: list[float] = []
     try:
         pieces = conversion.pieces()
@@ -68,6 +71,7 @@ def import_logs(
                     writer.write(message)
                 samples[piece.channel] = samples.get(piece.channel, 0) + len(block)
                 usable[piece.channel] = usable.get(piece.channel, 0) + int(np.count_nonzero(block.flags == 0))
+                stamps.setdefault(piece.channel, Stamps()).add(piece.t)
                 spans += [float(piece.t[0]), float(piece.t[-1])]
                 spans = [min(spans), max(spans)]
                 progress(ServiceStep(ServiceStage.IMPORTING_LOG, int(99 * conversion.done), 100))
@@ -78,6 +82,7 @@ def import_logs(
         part.unlink(missing_ok=True)
     without = [name for name, count in usable.items() if not count]
     notes = [*conversion.notes, *(f"{name}: no sample has a value" for name in without)]
+    notes += pause_lines({name: one.found for name, one in stamps.items()})
     return {
         "log": output, "files": [str(path) for path in paths], "duration": spans[1] - spans[0], "samples": samples,
         "usable": usable, "notes": notes,
@@ -141,5 +146,5 @@ def _as_table(paths: Sequence[Path], map_: ChannelMap, output: Path, named: dict
         "log": output, "files": [str(path) for path in paths], "duration": run.duration,
         "samples": {name: len(one.t) for name, one in run.signals.items()},
         "usable": {name: int(np.count_nonzero(one.usable)) for name, one in run.signals.items()},
-        "notes": list(run.problems),
+        "notes": [*run.problems, *pause_lines({name: pauses(one.t) for name, one in run.signals.items()})],
     }  # fmt: skip
