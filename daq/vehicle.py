@@ -159,6 +159,7 @@ class Vehicle:
             rows = {**base, **reader.table(overrides, corner, "corner")}
             place = f"corner.{corner}" if corner in overrides else f"axle.{axle}"
             corners[corner] = _corner(reader, numbers, corner, rows, place, wheelbase, height)
+        _of_one_car(reader, numbers)
         apriori = {
             key: q
             for key, row in reader.table(root, "apriori", "").items()
@@ -174,6 +175,10 @@ class Vehicle:
         return vehicle
 
 
+_LENGTHS = ("wheelbase", "track", "wheel_centre_height", "tyre_radius")
+"""Lengths that are of a like size on a car."""
+_UNLIKE = 50.0
+"""Ratio of one of them to their median from which a unit must be wrong; on cars, karts and lorries it is 0.2 to 15."""
 _CORNER_KEYS = (
     "track", "wheel_centre_height", "tyre_radius", "caster", "kingpin_inclination", "driven", "brakes", "kinematics",
     "static_camber", "static_toe", "setback", "joints",
@@ -197,6 +202,15 @@ def _required(
         reader.fault(f"{place}.{key}", f"must be above zero, found {quantity.value:g} m")
     numbers[f"{place}.{key}"] = quantity
     return quantity.value
+
+
+def _of_one_car(reader: Reader, numbers: Mapping[str, Quantity]) -> None:
+    """Fault of each length that no car has beside the others: in mm, and stated as in m."""
+    lengths = {name: q.value for name, q in numbers.items() if name.rpartition(".")[2] in _LENGTHS and q.value > 0.0}
+    usual = float(np.median(list(lengths.values()))) if lengths else 1.0
+    for name, length in lengths.items():
+        if not 1.0 / _UNLIKE < length / usual < _UNLIKE:
+            reader.fault(name, f"is {length:g} m where the car's other lengths are about {usual:.2g} m: check its unit")
 
 
 def _optional(

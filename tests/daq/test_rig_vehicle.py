@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -253,6 +254,19 @@ def test_a_corner_overrides_its_axle() -> None:
     assert car.corners["fl"].position[2] == pytest.approx(0.005)
     assert car.corners["fr"].position[2] == pytest.approx(-0.005)
     assert car.corners["rl"].position[2] == pytest.approx(0.005)
+
+
+def test_a_length_a_thousand_times_off_is_told() -> None:
+    """Millimetres stated for metres and the other way; a kart and a lorry pass."""
+    (fault,) = car_faults(CAR_TEXT.replace('value = 2.7, unit = "m"', 'value = 2.7, unit = "mm"'))
+    assert has([fault], "geometry.wheelbase", "0.0027 m", "check its unit")
+    faults = car_faults(CAR_TEXT.replace("track = { value = 1.48, unit", "track = { value = 1480, unit", 1))
+    assert has(faults, "track", "1480 m")
+    lengths = re.compile(r'(wheelbase|track|wheel_centre_height|tyre_radius) = \{ value = ([\d.]+), unit = "m"')
+    for wheelbase, track, radius in ((1.05, 1.1, 0.13), (7.0, 2.1, 0.52)):
+        own = {"wheelbase": wheelbase, "track": track, "tyre_radius": radius, "wheel_centre_height": 0.98 * radius}
+        text = lengths.sub(lambda found, own=own: f'{found[1]} = {{ value = {own[found[1]]}, unit = "m"', CAR_TEXT)
+        assert Vehicle.parse(text).wheelbase == pytest.approx(wheelbase)
 
 
 def test_every_fault_of_a_vehicle_at_once() -> None:
