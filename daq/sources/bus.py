@@ -40,6 +40,7 @@ class BusSource(Source):
         if self.start_ns is None and self._origin > 1e8:
             self.start_ns = round(self._origin * 1e9)
         self._twice: set[str] = set()
+        self._only_bus: dict[str, str] = {}
         for message in self._messages:
             mine = message.of(first.ident)
             buses = np.unique(first.bus[mine])
@@ -95,11 +96,26 @@ class BusSource(Source):
     def _by_bus(
         self, message: BusMessage, frames: BusFrames, rows: NDArray[np.int64]
     ) -> Iterator[tuple[str, NDArray[np.int64]]]:
-        if message.name not in self._twice:
-            yield "", rows
+        """Rows of a message's frames by bus, with what its names begin with."""
+        if message.name in self._twice:
+            for bus in np.unique(frames.bus[rows]):
+                yield f"{frames.buses[bus]}.", rows[frames.bus[rows] == bus]
             return
+        only = self._only_bus.setdefault(message.name, frames.buses[frames.bus[rows[0]]])
         for bus in np.unique(frames.bus[rows]):
-            yield f"{frames.buses[bus]}.", rows[frames.bus[rows] == bus]
+            if frames.buses[bus] == only:
+                yield "", rows[frames.bus[rows] == bus]
+            else:
+                self._note_late(message.name, only, frames.buses[bus])
+
+    def _note_late(self, message: str, only: str, bus: str) -> None:
+        """Note that a message comes on a second bus, where its names, those of the log's beginning, have no place."""
+        note = (
+            f"message {message} begins on bus {only} and comes on bus {bus} long after: its frames of bus {bus} are "
+            "left out; a log that begins later tells them apart"
+        )
+        if note not in self.notes:
+            self.notes.append(note)
 
 
 def _some_ids(frames: Callable[[], Iterator[BusFrames]]) -> str:

@@ -66,7 +66,7 @@ def _packed(name: str, piece: BusFrames, t_ns: np.ndarray, mine: np.ndarray) -> 
 
 
 def _in_order(frames: Frames) -> Frames:
-    """Frames by their stamps; those of a log in groups come group by group."""
+    """Frames by their stamps, which a log need not be in the order of."""
     if (np.diff(frames.t_ns) >= 0).all():
         return frames
     order = np.argsort(frames.t_ns, kind="stable")

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,12 @@ class BusFrames:
     buses: tuple[str, ...]
     lengths: NDArray[np.int64]
     rows: NDArray[np.uint8]
+
+    def of(self, which: NDArray[Any]) -> BusFrames:
+        """Some of the frames: `which` (N,) whether, or their places in the order wanted."""
+        return BusFrames(
+            self.t[which], self.ident[which], self.bus[which], self.buses, self.lengths[which], self.rows[which]
+        )
 
 
 def bus_kind(path: Path) -> str:
@@ -159,33 +166,59 @@ def is_bus_log(mdf: Any) -> bool:
 
 
 def read_mdf_frames(path: Path, mdf: Any) -> Iterator[BusFrames]:
-    """Frames of an MDF bus log, `FRAMES` at a time, group by group."""
-    for group, _ in mdf.channels_db[BUS_CHANNEL]:
-        count = int(mdf.groups[group].channel_group.cycles_nr)
-        for start in range(0, count, FRAMES):
-            size = min(FRAMES, count - start)
+    """Frames of an MDF bus log in order of their stamps, at most `FRAMES` of each group at a time.
 
-            def column(name: str, start: int = start, size: int = size, group: int = group) -> Any:
-                return mdf.get(f"{BUS_CHANNEL}.{name}", group=group, record_offset=start, record_count=size, raw=True)
+    Recorders write a group for each bus, each kind of frame or each direction: a piece holds the frames of all groups
+    up to one time, so that it shows on which buses a message is.
+    """
+    readers = [_group_frames(path, mdf, group) for group, _ in mdf.channels_db[BUS_CHANNEL]]
+    held = [(reader, piece) for reader in readers for piece in islice(reader, 1)]
+    while held:
+        until = np.min([piece.t.max() for _, piece in held])
+        yield _by_time([piece.of(~(piece.t > until)) for _, piece in held])  # of damaged stamps (NaN) all
+        rest = [(reader, piece.of(piece.t > until)) for reader, piece in held]
+        held = [(reader, piece) for reader, later in rest for piece in ([later] if len(later.t) else islice(reader, 1))]
 
-            try:
-                ident = column("ID")
-                rows = np.asarray(column("DataBytes").samples)
-                lengths = np.asarray(column("DataLength").samples, np.int64)
-                bus = np.asarray(column("BusChannel").samples, np.int64)
-                try:
-                    extended = np.asarray(column("IDE").samples, bool)
-                except Exception:  # a log of 11-bit identifiers alone need not have this channel
-                    extended = np.asarray(ident.samples) > 0x7FF
-            except Exception as cause:  # truncated data make asammdf raise what it likes
-                raise fault(path, f"frames of group {group} cannot be read from {start} on: {cause}") from None
+
+def _by_time(parts: Sequence[BusFrames]) -> BusFrames:
+    """Frames of several groups as one, in order of their stamps."""
+    buses = tuple(sorted({name for part in parts for name in part.buses}, key=int))
+    bus = np.concatenate([np.array([buses.index(name) for name in part.buses])[part.bus] for part in parts])
+    width = max(part.rows.shape[1] for part in parts)
+    rows = np.concatenate([_widened(part.rows, width) for part in parts])
+    t, ident, lengths = (np.concatenate([getattr(part, name) for part in parts]) for name in ("t", "ident", "lengths"))
+    return BusFrames(t, ident, bus, buses, lengths, rows).of(np.argsort(t, kind="stable"))
+
+
+def _widened(rows: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+    """Payloads (N, W) as rows of `width` bytes, filled with zeros."""
+    return np.pad(rows, ((0, 0), (0, width - rows.shape[1])))
+
+
+def _group_frames(path: Path, mdf: Any, group: int) -> Iterator[BusFrames]:
+    """Frames of a group of an MDF bus log, `FRAMES` at a time."""
+    count = int(mdf.groups[group].channel_group.cycles_nr)
+    for start in range(0, count, FRAMES):
+        size = min(FRAMES, count - start)
+
+        def column(name: str, start: int = start, size: int = size) -> Any:
+            return mdf.get(f"{BUS_CHANNEL}.{name}", group=group, record_offset=start, record_count=size, raw=True)
+
+        try:
+            ident = column("ID")
+            rows = np.asarray(column("DataBytes").samples)
             rows = rows.reshape(len(rows), -1).astype(np.uint8)
-            width = row_width(rows.shape[1])
-            full = np.zeros((len(rows), width), np.uint8)
-            full[:, : rows.shape[1]] = rows
-            names, which = np.unique(bus, return_inverse=True)
-            bare = np.asarray(ident.samples, np.uint32) & np.uint32(0x1FFFFFFF)
-            yield BusFrames(
-                np.asarray(ident.timestamps, float), bare | np.where(extended, np.uint32(EXTENDED), np.uint32(0)),
-                which, tuple(str(one) for one in names), lengths, full,
-            )  # fmt: skip
+            lengths = np.asarray(column("DataLength").samples, np.int64)
+            bus = np.asarray(column("BusChannel").samples, np.int64)
+            try:
+                extended = np.asarray(column("IDE").samples, bool)
+            except Exception:  # a log of 11-bit identifiers alone need not have this channel
+                extended = np.asarray(ident.samples) > 0x7FF
+        except Exception as cause:  # truncated data make asammdf raise what it likes
+            raise fault(path, f"frames of group {group} cannot be read from {start} on: {cause}") from None
+        names, which = np.unique(bus, return_inverse=True)
+        bare = np.asarray(ident.samples, np.uint32) & np.uint32(0x1FFFFFFF)
+        yield BusFrames(
+            np.asarray(ident.timestamps, float), bare | np.where(extended, np.uint32(EXTENDED), np.uint32(0)),
+            which, tuple(str(one) for one in names), lengths, _widened(rows, row_width(rows.shape[1])),
+        )  # fmt: skip
