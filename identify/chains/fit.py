@@ -31,6 +31,11 @@ _ROBUST_ROUNDS = 10
 """Repetitions of a fit with robust weights."""
 _LEAST = 1e-12
 """σ of a joint's residual ÷ that of its torque that exact data are given [ratio]: numerical."""
+_ROUNDED = 5e-6
+"""Largest difference of a factor that is asked for from the grouping's, ÷ the latter [ratio]. Source: groupings are
+printed with six digits."""
+_CLOSE = 1e-6
+"""The same ÷ the largest factor asked for, or 1 [ratio]: numerical."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +110,7 @@ class ChainFit:
                 half = SELECTION.interval_quantile * float(sigmas[i])
                 out.append(
                     ChainEstimate(
-                        name, self.base.describe(i), float(self.x[i]), float(sigmas[i]), half, float(least[i])
+                        name, self.base.describe(i, 0.0), float(self.x[i]), float(sigmas[i]), half, float(least[i])
                     )
                 )
         return tuple(out)
@@ -136,7 +141,9 @@ class ChainFit:
         ):
             raise ValueError(f"'{text}' is no sum of parameters")
         g = c[self.base.independent]
-        off = np.abs(g @ self.base.grouping() - c) > 1e-6 * max(1.0, float(np.max(np.abs(c))))
+        grouping = self.base.grouping()
+        allowed = np.maximum(_CLOSE * max(1.0, float(np.max(np.abs(c)))), _ROUNDED * np.abs(g) @ np.abs(grouping))
+        off = np.abs(g @ grouping - c) > allowed
         off[self.base.absent] = False
         if np.any(off):
             lost = ", ".join(self.base.names[int(k)] for k in np.flatnonzero(off)[:4])

@@ -23,6 +23,8 @@ _PIECE = 4000
 """Samples of which the equations are formed at a time: the memory of a long recording is that of a piece."""
 _STATES = 300
 """Random states that show which parameters go together."""
+_ROUNDING = 1e-8
+"""Factor by which a parameter is grouped, both in units of their columns' size, that is 0 [ratio]: numerical."""
 _TURN = 1e-4
 """Step of the differences that give the torques' change with a joint's position [rad]."""
 
@@ -81,35 +83,42 @@ class ChainModel:
 
         Encoder offsets are not grouped: their columns depend on the parameters.
         """
+        joined, units = self._random_columns()
+        base = find_base(joined, self.names)
+        relations = np.where(np.abs(base.relations) < _ROUNDING, 0.0, base.relations)
+        relations = relations * units[base.dependent] / units[base.independent][:, None]
+        return BaseParameters(base.names, base.independent, base.dependent, base.absent, relations, base.gap)
+
+    def _random_columns(self) -> tuple[Array, Array]:
+        """Columns of all parameters at random states, each ÷ a unit of its size, (rows, p), and these units (p,).
+
+        The states are random in units of the chain's own size and of the time in which a fall of that size ends. The
+        bodies, gravity, laws and joints that follow others are those of the chain itself: what a parameter is grouped
+        with follows from the torques alone, whatever its unit holds of length and time.
+        """
         chain, n = self.chain, self.chain.n
+        free = chain.coupling.free
         scaled = ScaledChain(chain, np.arange(10 * n), 0)
+        length, time = scaled.size, scaled.fall_time
+        sliding = np.array([chain.joints[j - 1].sigma == 1 for j in free])
+        step = np.where(sliding, length, 1.0)
         rng = np.random.default_rng(11)
-        shape = max(30, _STATES // n), len(chain.coupling.free)
-        qf = rng.uniform(-2, 2, (3, *shape))
+        shape = max(30, _STATES // n), len(free)
+        qf = rng.uniform(-2, 2, (3, *shape)) * step / time ** np.arange(3.0)[:, None, None]
         states = [np.ascontiguousarray(x.T) for x in chain.coupling.states(*qf)]
-        sized = chain.with_geometry(scaled.scaled_numbers(), scaled.gravity)
-        W = chain.coupling.rows(sized.structure(states[0], states[1], states[2]))
+        W = chain.coupling.rows(chain.structure(states[0], states[1], states[2]))
         load = rng.uniform(0.5, 2.0, shape)
         parts = [W]
         for effect in self.effects:
             offset = isinstance(effect, EncoderOffset)
-            made = rng.normal(size=(*shape, 1)) if offset else effect_columns(chain, effect, qf, load)
-            parts.append(made)
-        joined = np.concatenate(parts, axis=2).reshape(-1, len(self.names))
-        joined[:, [self.names.index(name) for name in chain.absent if name in self.names]] = 0.0
-        base = find_base(joined, self.names)
-        # Relations in metres: joint laws count in units of the chain's size as the inertias of their rows do.
-        exponents = np.concatenate(
-            [scaled.exponents, *(np.full(len(e.letters), self._exponent(e)) for e in self.effects)]
-        )
-        sized_by = scaled.size ** (exponents[base.independent][:, None] - exponents[base.dependent][None, :])
-        relations = np.where(np.abs(base.relations) < 1e-8, 0.0, base.relations) * sized_by
-        return BaseParameters(base.names, base.independent, base.dependent, base.absent, relations, base.gap)
-
-    def _exponent(self, effect: JointEffect) -> int:
-        """Power of the unit of length in a torque: laws keep the unit of time and mass."""
-        first = self.chain.joints[next(iter(effect.directions)) - 1]
-        return 0 if first.sigma == 1 or isinstance(effect, EncoderOffset) else 2
+            parts.append(rng.normal(size=(*shape, 1)) if offset else effect_columns(chain, effect, qf, load))
+        # Torques ÷ (length² ÷ time²), forces ÷ (length ÷ time²): every row of the size of the others.
+        rows = np.concatenate(parts, axis=2) * (step / (length / time) ** 2)[None, :, None]
+        joined = rows.reshape(-1, len(self.names))
+        joined[:, [i for i, name in enumerate(self.names) if name in chain.absent]] = 0.0
+        sizes = np.sqrt(np.mean(joined[:, 10 * n :] ** 2, axis=0))
+        units = np.concatenate([length ** -scaled.exponents.astype(float), np.where(sizes > 0.0, sizes, 1.0)])
+        return joined / units, units
 
     def columns(self, samples: JointSamples, standard: Array | None) -> Array:
         """(N, f, p) torques at the free joints per unit of every parameter.

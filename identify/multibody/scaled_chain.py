@@ -20,8 +20,9 @@ _STATES = 120
 class ScaledChain:
     """A chain in units of its own size, so that rounding is the same for millimetres and for a hundred metres.
 
-    Lengths are divided by their root mean square, and gravity is as large as the random accelerations. The relations
-    depend on neither, except for the unit of each parameter.
+    Lengths are divided by their root mean square, and gravity is as large as the random accelerations. Relations of
+    bodies, rotors and friction depend on neither, except for the unit of each parameter; those of constant forces
+    depend on gravity (`lacet.identify.chains.model`).
 
     Parameters
     ----------
@@ -43,6 +44,12 @@ class ScaledChain:
         self.states = rng.uniform(-2, 2, (3, chain.n, count))
         self.exponents = np.array([_exponent(chain, int(k)) for k in columns])
         """Powers of the length's unit in each parameter's."""
+
+    @property
+    def fall_time(self) -> float:
+        """Time in which a fall as long as the chain's size ends [s]; 1 without gravity."""
+        strength = float(np.linalg.norm(self.chain.gravity))
+        return math.sqrt(2.0 * self.size / strength) if strength else 1.0
 
     def matrix(self, numbers: Sequence[Mapping[str, float]]) -> Array:
         """The regressor's columns at the random states, for these lengths and angles."""
