@@ -17,12 +17,14 @@ from lacet.identify.chains.ranking import ChainRanking, JointCandidate, rank_cha
 from lacet.identify.chains.samples import JointSamples, Recorded
 from lacet.identify.chains.scores import (
     JointScore,
-    held_out_residual,
+    drawn_noise,
+    held_out,
     measured_noise,
-    noise_floor,
+    noise_after_fit,
     predicted,
     scores_of,
 )
+from lacet.identify.chains.verdicts import failing_joints, verdict_of
 from lacet.identify.multibody.chain import Chain
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.noise_level import white_noise
@@ -93,36 +95,43 @@ class IdentifiedChain:
         return measured_noise(self.fitted, self._recorded, self.filters)
 
     @cached_property
-    def _floor(self) -> NDArray[np.float64]:
+    def _noise(self) -> NDArray[np.float64]:
         with one_thread():
-            return noise_floor(self.fitted, self._recorded, self.filters, self.noise, self.slowest)
+            return drawn_noise(self.fitted, self._recorded, self.filters, self.noise, self.slowest)
 
     @cached_property
     def scores(self) -> tuple[JointScore, ...]:
-        """Error of each joint on the samples fitted to."""
-        return scores_of(self.fitted, self.fitted.residual, self.fitted.y, self._floor)
+        """Error of each joint on the samples fitted to, beside that of noise which is fitted to."""
+        with one_thread():
+            noise = noise_after_fit(self.fitted, self._noise)
+        return scores_of(self.fitted, self.fitted.residual, self.fitted.y, noise)
 
     @cached_property
     def held_out(self) -> tuple[JointScore, ...]:
         """Error of each joint where it was not fitted to: each fifth of the record predicted from the others.
 
-        NaN where the others do not determine all parameters.
+        Its floor is what noise leaves when it is predicted from the others: in a short record the parameters' errors
+        are most of it. NaN where the others do not determine all parameters.
         """
         with one_thread():
-            residual = held_out_residual(self.fitted, self.filters.fit_cutoff)
-        return scores_of(self.fitted, residual, self.fitted.y, self._floor)
+            residual, noise = held_out(self.fitted, self.filters.fit_cutoff, self._noise)
+        return scores_of(self.fitted, residual, self.fitted.y, noise)
 
     def predict(self, q: ArrayLike, tau: ArrayLike, **given: object) -> tuple[JointScore, ...]:
-        """Error of each joint on another record, with the same filters; arguments as in `identify_chain`."""
+        """Error of each joint on another record, with the same filters; arguments as in `identify_chain`.
+
+        Its floor is the other record's noise: the errors of the parameters come on top of it, and are large where this
+        record was short.
+        """
         how = {**self._how, **given}
         other = Recorded.read(self.fitted.model.chain, q, tau, **how)  # pyright: ignore[reportArgumentType]
         samples = other.samples(other.filters(self.filters.fit_cutoff, self.filters.pre_cutoff))
         with one_thread():
             measured, modelled = predicted(self.fitted, samples)
-            noise = measured_noise(self.fitted, other, samples.filters)
-            floor = noise_floor(self.fitted, other, samples.filters, noise, self.slowest)
+            level = measured_noise(self.fitted, other, samples.filters)
+            noise = drawn_noise(self.fitted, other, samples.filters, level, self.slowest)
         residual = np.where(np.abs(samples.qd[samples.kept]) >= self.slowest, measured - modelled, np.nan)
-        return scores_of(self.fitted, residual, measured, floor)
+        return scores_of(self.fitted, residual, measured, noise)
 
     def rank(self, candidates: Sequence[JointEffect] | None = None) -> RankedLaws:
         """Which law of a joint is missing: each that the model lacks is tried, or the `candidates` given."""
@@ -174,6 +183,16 @@ class RankedLaws:
     def missing(self) -> tuple[JointEffect, ...]:
         """The laws found missing, in the order found."""
         return self.ranking.missing
+
+    @property
+    def verdict(self) -> str:
+        """``missing``, ``nothing missing``, ``small rest``, ``unlisted cause`` or ``not tested``."""
+        return verdict_of(self.ranking, self.scores).value
+
+    @property
+    def failing(self) -> tuple[JointScore, ...]:
+        """The joints whose errors are above their noise floor by more than chance, the worst first."""
+        return failing_joints(self.scores)
 
     @property
     def candidates(self) -> tuple[JointCandidate, ...]:

@@ -8,7 +8,9 @@ from lacet.identify.chains.effects import JointEffect, StribeckFriction
 from lacet.identify.chains.fit import ChainFit
 from lacet.identify.chains.ranking import ChainRanking
 from lacet.identify.chains.scores import JointScore
+from lacet.identify.chains.verdicts import ChainVerdict, failing_joints, verdict_of
 from lacet.identify.multibody.rigid_body import PARAMETERS, UNITS
+from lacet.identify.selection.settings import SELECTION
 from lacet.services.render.intervals import half_width, to_interval
 
 _UNITS = {
@@ -80,13 +82,34 @@ def fit_head(fitted: ChainFit, cutoff: float) -> str:
 
 
 def ranking_head(ranking: ChainRanking, scores: Sequence[JointScore]) -> str:
-    """What was found missing, in a sentence; where nothing was, what the joints' errors leave to be explained."""
-    if ranking.missing:
+    """What was found missing, in sentences; where nothing was, at which joints the model fails nevertheless."""
+    verdict = verdict_of(ranking, scores)
+    if verdict is ChainVerdict.MISSING:
         return "missing: " + ", ".join(effect.key + constant_text(effect) for effect in ranking.missing)
-    if ranking.untested:
+    if verdict is ChainVerdict.UNTESTED:
         return f"nothing was tested: {ranking.blocks} blocks of motion are too few"
+    count, failing = len(ranking.candidates), failing_joints(scores)
+    if verdict is ChainVerdict.UNLISTED:
+        large = [one for one in failing if not one.small]
+        return (
+            f"the model fails at {_ratios(large)}, and the cause is not among the {count} laws tried: not listed. Plot "
+            "what remains there (fitted.residual) over position, rate and time: it may be friction of another shape, a "
+            "torque that changes with position, a load that was changed on the way, or an instrument"
+        )
+    if verdict is ChainVerdict.SMALL:
+        share = f"{100.0 * SELECTION.effect_size:g} %"
+        return (
+            f"none of the {count} laws tried is missing. A small rest of unknown cause remains at {_ratios(failing)}: "
+            f"less than {share} of the torque's variation. Friction that is sampled where a joint turns back may leave "
+            "as much"
+        )
     worst = max(scores, key=lambda one: one.ratio)
     return (
-        f"nothing missing that these data show; {len(ranking.candidates)} laws were tried. "
-        f"The largest error is {worst.joint}'s, {worst.ratio:.2g} times its noise floor (1: noise alone)"
+        f"nothing missing that these data show; {count} laws were tried. The largest error is {worst.joint}'s, "
+        f"{worst.ratio:.2g} times its noise floor (1: noise alone; no more than chance)"
     )
+
+
+def _ratios(scores: Sequence[JointScore]) -> str:
+    """Joints and their errors in noise floors."""
+    return ", ".join(f"{one.joint} (error {one.ratio:.2g} times its noise floor)" for one in scores)

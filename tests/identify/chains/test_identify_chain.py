@@ -11,8 +11,10 @@ from lacet.daq.errors import NotIdentifiable, UsageError
 from lacet.identify.chains import effects as laws
 from lacet.identify.chains.effects import ExternalForce
 from lacet.identify.chains.model import ChainModel, effect_columns, standard_effects
-from lacet.identify.chains.ranking import _exceeds, _Rows
+from lacet.identify.chains.ranking import ChainRanking, JointAnswer, JointCandidate, _exceeds, _Rows
 from lacet.identify.chains.samples import JointSamples, Recorded
+from lacet.identify.chains.scores import JointScore
+from lacet.identify.chains.verdicts import ChainVerdict, verdict_of
 from lacet.identify.multibody.chain import Chain
 from lacet.identify.signals.filters import Filters
 from lacet.services.library.chains import IdentifiedChain, identify_chain
@@ -187,6 +189,9 @@ def test_the_missing_law_is_named():
     """A motor's friction on two joints and a spring are found among all laws; then nothing is missing."""
     complete = PLAIN.rank()
     assert complete.missing == ()
+    assert complete.verdict == "nothing missing"
+    assert complete.failing == ()
+    assert repr(complete).startswith("nothing missing that these data show")
     assert "times its noise floor" in repr(complete)
     tau = RECORD.tau.copy()
     tau += 0.5 * np.outer(RECORD.qd[:, 1] + RECORD.qd[:, 2], [0.0, 1.0, 1.0])
@@ -200,6 +205,57 @@ def test_the_missing_law_is_named():
     assert after.value("FV2_3") == pytest.approx(0.5, abs=0.05)
     assert "missing: " in repr(ranking)
     assert "<table>" in ranking._repr_html_()
+
+
+@pytest.mark.parametrize(("size", "verdict"), [(1.5, "unlisted cause"), (0.1, "small rest")])
+def test_a_cause_that_is_in_no_law_is_not_listed(size: float, verdict: str):
+    """A torque that waves with a joint's position [N·m]: the model fails there, and no law is said to be missing."""
+    tau = RECORD.tau.copy()
+    tau[:, 1] += size * np.sin(25.0 * RECORD.q[:, 1])
+    ranking = identified(RECORD, tau).rank()
+    assert ranking.missing == ()
+    assert ranking.verdict == verdict
+    assert [one.joint for one in ranking.failing] == ["j2"]
+    said = repr(ranking)
+    assert "nothing missing" not in said
+    ratio = f"j2 (error {ranking.failing[0].ratio:.2g} times its noise floor)"
+    told = {
+        "unlisted cause": f"the model fails at {ratio}, and the cause is not among the {len(ranking.candidates)} laws "
+        "tried: not listed. Plot what remains",
+        "small rest": f"A small rest of unknown cause remains at {ratio}: less than 1 % of the torque's variation",
+    }
+    assert told[verdict] in said
+
+
+def test_a_verdict_follows_from_laws_and_errors():
+    """In this order: laws found, too short a record, errors of noise, small errors, a cause in no list."""
+    rows = {
+        "noise": JointScore("a", 1.2, 1.0, 99.0, 50.0, 0.3),
+        "chance of 5 %, no larger": JointScore("a", 1.04, 1.0, 99.0, 50.0, 0.05),
+        "small": JointScore("a", 1.1, 1.0, 99.0, 50.0, 0.05),
+        "large": JointScore("a", 1.2, 1.0, 99.0, 50.0, 0.05),
+    }
+    found = {name: verdict_of(ChainRanking((), 20), (one,)) for name, one in rows.items()}
+    assert list(found.values()) == [
+        ChainVerdict.NOTHING, ChainVerdict.NOTHING, ChainVerdict.SMALL, ChainVerdict.UNLISTED
+    ]  # fmt: skip
+    assert verdict_of(ChainRanking((), 20), (rows["small"], rows["large"])) is ChainVerdict.UNLISTED
+    assert verdict_of(ChainRanking((), 3), (rows["large"],)) is ChainVerdict.UNTESTED
+    law = JointCandidate(laws.JointSpring(1), 9.0, 0.001, (1.0,), JointAnswer.MISSING)
+    assert verdict_of(ChainRanking((law,), 20), (rows["large"],)) is ChainVerdict.MISSING
+
+
+def test_held_out_errors_of_a_short_record_are_those_of_noise():
+    """Parameters from the rest of few equations are uncertain: noise predicted by them is the floor."""
+    ratios: list[list[float]] = []
+    for seed in (1, 2, 3):
+        found = identified(simulated(seed, NOISE, 14.0), cutoff=SLOW)
+        alone = np.sqrt(np.nanmean(found._noise**2, axis=(0, 1)))
+        for one, noise in zip(found.held_out, alone, strict=True):
+            ratios.append([one.ratio, one.rms / noise])
+    assert 0.5 < np.median(ratios, axis=0)[0] < 1.3
+    assert np.max(ratios, axis=0)[0] < 1.5
+    assert np.median(ratios, axis=0)[1] > 1.6
 
 
 @pytest.mark.parametrize("cutoff", [1.5, 2.0])

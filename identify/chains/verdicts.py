@@ -1,0 +1,41 @@
+"""Verdict on a fitted chain: whether laws are missing, and whether it fails for a cause that is in no law tried."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+
+from lacet.identify.chains.ranking import ChainRanking
+from lacet.identify.chains.scores import JointScore
+
+
+class ChainVerdict(StrEnum):
+    """Verdict of a ranking of laws."""
+
+    MISSING = "missing"
+    """Laws that were tried are missing; something else may remain beside them."""
+    NOTHING = "nothing missing"
+    """No law is, and every joint's error is that of noise."""
+    SMALL = "small rest"
+    """No law is. Errors are above their noise floor by more than chance, and less than the user's effect size."""
+    UNLISTED = "unlisted cause"
+    """The model fails at a joint for a cause that is not among the laws tried."""
+    UNTESTED = "not tested"
+    """The record is too short for a law to be tested."""
+
+
+def verdict_of(ranking: ChainRanking, scores: Sequence[JointScore]) -> ChainVerdict:
+    """The verdict that follows from laws tried and the joints' errors on the samples fitted to."""
+    if ranking.missing:
+        return ChainVerdict.MISSING
+    if ranking.untested:
+        return ChainVerdict.UNTESTED
+    failing = failing_joints(scores)
+    if not failing:
+        return ChainVerdict.NOTHING
+    return ChainVerdict.SMALL if all(one.small for one in failing) else ChainVerdict.UNLISTED
+
+
+def failing_joints(scores: Sequence[JointScore]) -> tuple[JointScore, ...]:
+    """The joints whose errors are above their noise floor by more than chance, the worst first."""
+    return tuple(sorted((one for one in scores if one.fails), key=lambda one: -one.ratio))
