@@ -115,6 +115,30 @@ class ChainFit:
                 )
         return tuple(out)
 
+    @property
+    def wrong_signs(self) -> tuple[ChainEstimate, ...]:
+        """Base parameters that are negative by more than chance and effect size, though none of their parts can be.
+
+        Chance is family-wise over all that cannot be negative (Bonferroni), and their torque is more than the user's
+        effect size of what its joint's torque varies by.
+        """
+        grouping, never = self.base.grouping(), self.model.never_negative
+        held = [all(f >= 0.0 and (f == 0.0 or name in never) for f, name in zip(row, self.base.names, strict=True))
+                for row in grouping]  # fmt: skip
+        quantile = float(scipy.stats.norm.isf(SELECTION.significance / max(1, sum(held))))
+        names = [self.base.names[int(k)] for k in self.base.independent]
+        return tuple(
+            one for one in self.estimates
+            if held[i := names.index(one.name)] and one.value < -quantile * one.sigma and self._matters(i)
+        )  # fmt: skip
+
+    def _matters(self, i: int) -> bool:
+        """Whether a base parameter's torque is more than the user's effect size, at any joint."""
+        torque = np.where(self.used, self.W[:, :, i] * self.x[i], np.nan)
+        measured = np.where(self.used, self.y, np.nan)
+        least = SELECTION.effect_size * np.nanstd(measured, axis=0)
+        return bool(np.any(np.sqrt(np.nanmean(torque**2, axis=0)) > least))
+
     def combination(self, text: str) -> ChainEstimate:
         """The estimate of a sum of parameters, ``ZZ1 + YY2 + 0.16*M3``; ``Izz1`` and ``fv1`` are read as well.
 

@@ -25,6 +25,8 @@ _STATES = 300
 """Random states that show which parameters go together."""
 _ROUNDING = 1e-8
 """Factor by which a parameter is grouped, both in units of their columns' size, that is 0 [ratio]: numerical."""
+_POSITIVE = ("XX", "YY", "ZZ", "M")
+"""Inertial parameters of a body that are never negative."""
 _TURN = 1e-4
 """Step of the differences that give the torques' change with a joint's position [rad]."""
 
@@ -66,6 +68,12 @@ class ChainModel:
     def names(self) -> tuple[str, ...]:
         """Names of all parameters: of the bodies, then of the laws."""
         return (*self.chain.parameter_names, *(name for effect in self.effects for name in effect.parameters))
+
+    @cached_property
+    def never_negative(self) -> frozenset[str]:
+        """Names of parameters that no body or law can have below 0: masses, moments of inertia, passive laws' own."""
+        bodies = (name for name in self.chain.parameter_names if name.rstrip("0123456789") in _POSITIVE)
+        return frozenset((*bodies, *(name for effect in self.effects if effect.passive for name in effect.parameters)))
 
     @cached_property
     def place(self) -> dict[str, slice]:

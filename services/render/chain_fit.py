@@ -72,13 +72,27 @@ def constant_text(effect: JointEffect) -> str:
 
 
 def fit_head(fitted: ChainFit, cutoff: float) -> str:
-    """What was fitted to what, in one sentence."""
+    """What was fitted to what, and which values cannot be, in a sentence each."""
     chain = fitted.model.chain
     said = (
         f"{len(chain.coupling.free)} joints, {int(fitted.used.sum())} equations up to {cutoff:.3g} Hz: "
         f"{len(fitted.estimates)} base parameters of {len(fitted.model.names)} parameters"
     )
-    return f"{said}; this motion does not determine {', '.join(fitted.unseen)}" if fitted.unseen else said
+    if fitted.unseen:
+        said += f"; this motion does not determine {', '.join(fitted.unseen)}"
+    return said + _signs(fitted)
+
+
+def _signs(fitted: ChainFit) -> str:
+    """What a fit says of masses, inertias and friction that are negative; empty where none is."""
+    names = [one.name for one in fitted.wrong_signs]
+    if not names:
+        return ""
+    verb = "is" if len(names) == 1 else "are"
+    return (
+        f". {', '.join(names)} {verb} negative beyond the interval, which no mass, inertia or friction can be: "
+        "check the signs and units of torques and positions, joint by joint"
+    )
 
 
 def ranking_head(ranking: ChainRanking, scores: Sequence[JointScore]) -> str:

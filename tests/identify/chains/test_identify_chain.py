@@ -316,6 +316,21 @@ def test_what_is_printed():
     ) == pytest.approx(grouped.value)
 
 
+def test_values_that_cannot_be_are_told():
+    """Torques of reversed sign; one joint's alone; a record as it should be, and one without friction, say nothing."""
+    assert PLAIN.fitted.wrong_signs == ()
+    assert "negative" not in str(PLAIN)
+    turned = identified(RECORD, -RECORD.tau)
+    assert {"ZZ1", "FV1", "FV2", "FV3", "FS1", "FS2", "FS3"} <= {one.name for one in turned.fitted.wrong_signs}
+    assert "FS3 are negative beyond the interval" in str(turned)
+    assert "check the signs and units of torques and positions" in turned._repr_html_()
+    one = identified(RECORD, RECORD.tau * [1.0, 1.0, -1.0])
+    assert {"FV3", "FS3"} <= {each.name for each in one.fitted.wrong_signs}
+    assert not {"FV1", "FV2"} & {each.name for each in one.fitted.wrong_signs}
+    exact = CHAIN.inverse_dynamics(RECORD.q, RECORD.qd, RECORD.qdd, CHAIN.given)
+    assert identified(RECORD, exact).fitted.wrong_signs == ()
+
+
 def test_what_cannot_be_determined_is_refused():
     """A mass alone, a name that there is not, and what is no sum."""
     with pytest.raises(NotIdentifiable, match="torques do not determine 'M3'"):
