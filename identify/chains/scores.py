@@ -113,8 +113,8 @@ def _fitted_to(fitted: ChainFit, used: NDArray[np.bool_], noise: Array) -> Array
     W = fitted.W[:, :, seen]
     columns = W[used] * scale[:, None]
     lengths = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    x = np.linalg.lstsq(columns / lengths, (noise[:, used] * scale).T, rcond=None)[0] / lengths[:, None]
-    return np.moveaxis(np.asarray(W @ x, float), 2, 0)
+    fitted_to = np.asarray(np.linalg.lstsq(columns / lengths, (noise[:, used] * scale).T, rcond=None)[0], float)
+    return np.moveaxis(np.asarray(W @ (fitted_to / lengths[:, None]), float), 2, 0)
 
 
 def predicted(fitted: ChainFit, samples: JointSamples) -> tuple[Array, Array]:
