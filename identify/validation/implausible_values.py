@@ -10,12 +10,16 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from lacet.identify.car.car_tree import CHASSIS
 from lacet.identify.effects.base import Parameter
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.parameter_estimates import Estimate
 
 _POSITIVE = re.compile(r"(XX|YY|ZZ|M)\d+")
 """Names of moments of inertia about a body's own axes, and of masses."""
+_OF_BODY = frozenset(f"{kind}{CHASSIS}" for kind in ("XX", "YY", "ZZ", "M"))
+"""Those of the car's body. The small ones of wheels and carriers are negative as well where the model lacks something.
+"""
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,8 @@ def implausible_values(fitted: Fit, found: Sequence[Estimate]) -> list[Implausib
         members = [(1.0, parameters[int(base.independent[k])])]
         members += [(float(f), parameters[int(i)]) for f, i in zip(base.relations[k], base.dependent, strict=True) if f]
         low, high = (sum(ends) for ends in zip(*(_range(*member) for member in members), strict=True))
+        if _POSITIVE.fullmatch(e.name) and e.name not in _OF_BODY:
+            continue
         if e.value + e.half_sheet < low or e.value - e.half_sheet > high:
             out.append(ImplausibleValue(e.name, e.unit, e.value, e.half_sheet, low, high))
     return out

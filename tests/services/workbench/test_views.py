@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,9 @@ from lacet.services.workbench.residual_views import where_payload
 from lacet.services.workbench.routes import api, nothing
 from lacet.services.workbench.server import Settings, create_app
 from lacet.services.workbench.session_cache import SessionCache
+from lacet.services.workbench.study_views import version_payload
 from lacet.services.workspace.kept import kept_values
+from lacet.services.workspace.study import Study
 from tests.services.workbench.bench_page import Page
 from tests.services.workbench.conftest import DRAWS
 from tests.support.places import HOME
@@ -385,6 +388,20 @@ def test_versions_differ_where_noise_does_not_explain_it(page: Page):
         assert one == {"version": 1, **{key: by_name[p["name"]][key] for key in ("other", "differs", "change")}}
     back = page.get("values?version=1&against=2")
     assert {p["name"] for p in back["gone"]} == set(by_name) - {p["name"] for p in before} >= {"anti_roll_bar.front.k"}
+
+
+def test_a_version_says_what_of_its_values_cannot_be(shared: Page):
+    """Of a version made before lacet looked, and of one of right channels, nothing."""
+    study = Study.open(shared.folder)
+    version = study.version()
+    assert version.result["implausible"] == []
+    assert version_payload(study, version)["doubts"] == []
+    spring = {"name": "spring.fl.k", "value": -27e3, "unit": "N/m", "half95_sheet": 1e3, "low": 0.0, "high": 2e5}
+    wrong = replace(version, result={**version.result, "implausible": [spring]})
+    (said,) = version_payload(study, wrong)["doubts"]
+    assert said.startswith("spring.fl.k (-27000 ± 1000 N/m) has a value that no car has")
+    earlier = {key: value for key, value in version.result.items() if key != "implausible"}
+    assert version_payload(study, replace(version, result=earlier))["doubts"] == []
 
 
 def test_a_formula_is_its_states_along_the_run(shared: Page):
