@@ -30,7 +30,7 @@ def write_mat(path: Path, result: Mapping[str, Any], diagnosis: Mapping[str, Any
             field = valid_name(row[at["name"]], single)
             single[field] = {
                 key: "" if row[at[key]] is None else row[at[key]]
-                for key in ("name", "value", "unit", "low95", "high95", "half95")
+                for key in ("name", "value", "unit", "low95", "high95", "half95_sheet", "half95")
             }
     content: dict[str, Any] = {"about": title, "units": "SI unless a unit column says otherwise", "p": single}
     content["values"], content["errors"] = _columns(values), _columns(errors_table(result))

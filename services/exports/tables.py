@@ -24,7 +24,7 @@ class Table:
 
 _VALUES = {
     "kind": str, "name": str, "effect": str, "value": float, "unit": str, "low95": float, "high95": float,
-    "half95": float, "half95_sheet": float, "group": str, "identified": bool, "why_not": str,
+    "half95_sheet": float, "half95": float, "group": str, "identified": bool, "why_not": str,
 }  # fmt: skip
 _ERRORS = {
     "runs": str, "run": str, "row": str, "unit": str, "rms": float, "floor": float, "ratio": float,
@@ -36,22 +36,32 @@ _RANKING = {
 
 
 def values_table(result: Mapping[str, Any]) -> Table:
-    """Parameters, whole-vehicle and derived values of a fit's result (``docs/json.md``), with 95 % intervals."""
+    """Parameters, whole-vehicle and derived values of a fit's result (``docs/json.md``), with 95 % intervals.
+
+    The ends of an interval are those with what the sensor sheet's gains and latencies may add, where that is known.
+    """
     rows: list[list[Any]] = [
-        ["parameter", p["name"], p["effect"], p["value"], p["unit"], *p["interval95"], p["half95"], p["half95_sheet"],
+        ["parameter", p["name"], p["effect"], p["value"], p["unit"], *_ends(p), p["half95_sheet"], p["half95"],
          p["group"], True, ""]
         for p in result["parameters"]
     ]  # fmt: skip
     for kind, items in (("whole vehicle", result.get("whole_vehicle") or ()), ("derived", result.get("derived") or ())):
         for d in items:
-            value, half, known = d["value"], d["half95"], d["identifiable"]
-            ends = (value - half, value + half) if known else (None, None)
-            rows.append([kind, d["name"], "", value if known else None, d["unit"], *ends, half if known else None,
-                         d.get("half95_sheet") if known else None, d["name"], known, d.get("why", "")])  # fmt: skip
+            known = d["identifiable"]
+            numbers = (*_ends(d), d.get("half95_sheet"), d["half95"]) if known else [None] * 4
+            rows.append([kind, d["name"], "", d["value"] if known else None, d["unit"], *numbers, d["name"], known,
+                         d.get("why", "")])  # fmt: skip
     rows += [
         ["parameter", p["name"], p["effect"], *[None] * 6, "", False, p["why"]] for p in result["not_identifiable"]
     ]
     return Table(_VALUES, rows)
+
+
+def _ends(value: Mapping[str, Any]) -> tuple[float, float]:
+    """Ends of a value's 95 % interval, with the sensor sheet where that is known."""
+    half = value.get("half95_sheet")
+    half = value["half95"] if half is None else half
+    return value["value"] - half, value["value"] + half
 
 
 def errors_table(result: Mapping[str, Any]) -> Table:

@@ -121,7 +121,10 @@ def test_matlab_structs_have_values_intervals_and_units(study: Path, tmp_path: P
     spring = parameters(study)["spring.rr.k"]
     one = found["p"]["spring_rr_k"]
     assert (one["name"], one["value"], one["unit"]) == ("spring.rr.k", spring["value"], "N/m")
-    assert (one["low95"], one["high95"]) == tuple(spring["interval95"])
+    half = spring["half95_sheet"]
+    assert (one["low95"], one["high95"]) == (spring["value"] - half, spring["value"] + half)
+    assert (one["half95_sheet"], one["half95"]) == (half, spring["half95"])
+    assert half > spring["half95"]
     values = found["values"]
     at = list(values["name"]).index("roll_gradient")
     assert values["unit"][at] == "deg/g"
@@ -141,7 +144,7 @@ def test_tables_and_json_agree(study: Path, tmp_path: Path, capsys: pytest.Captu
     table = pq.read_table(exported(study, tmp_path / "v.parquet")).to_pylist()
     kept = {row["name"]: row for row in table if row["kind"] == "parameter" and row["identified"]}
     assert {name: (row["low95"], row["high95"]) for name, row in kept.items()} == {
-        name: tuple(p["interval95"]) for name, p in known.items()
+        name: (p["value"] - p["half95_sheet"], p["value"] + p["half95_sheet"]) for name, p in known.items()
     }
     assert {row["kind"] for row in table} == {"parameter", "whole vehicle", "derived"}
     said = tmp_path / "said.json"
