@@ -23,6 +23,7 @@ from lacet.identify.selection.joint.refits import (
     not_part_of_the_rest,
     with_all_tested,
 )
+from lacet.identify.selection.laws.described import described
 from lacet.identify.selection.laws.encompassing import standing_beside_rest
 from lacet.identify.selection.rest import (
     Rest,
@@ -137,6 +138,9 @@ def test_what_a_law_leaves_that_does_not_stand_counts_beside_the_others(subset: 
     found, left = standing_beside_rest(without, rest, 0)
     assert (found.keys, found.parts, asked) == ((STOP.key,), {bar, damper}, [(STOP.key,)])
     assert left.excess > rest.excess
+    monkeypatch.setattr("lacet.identify.selection.laws.described.propose", lambda *_: [])
+    undescribed = described(without, rest, 0, silent)
+    assert (undescribed.joint.keys, undescribed.beside.keys) == ((STOP.key,), (STOP.key,)), "nothing describes it"
     whole = Rest.of(subset.space, subset.laws)
     assert standing_beside_rest(subset, whole, 0) == (subset, whole), "nothing is unlisted"
 
