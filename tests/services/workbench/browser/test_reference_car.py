@@ -58,9 +58,8 @@ def _make_by_keyboard(watch: Watch, files: list[Path]) -> None:
     """From files to a model without a mouse; that Tab reaches what is pressed is tested elsewhere."""
     watch.go("runs")
     watch.expect(watch.at("invite-tour")).to_be_visible()
-    watch.at("choose-files").focus()
     with watch.page.expect_file_chooser() as chooser:
-        watch.page.keyboard.press("Space")
+        watch.at("choose-files").press("Space")
     chooser.value.set_files(files)
     for run, role in (("sine", "used"), ("rough", "held")):
         watch.expect(watch.at(f"run-row-{run}")).to_contain_text("good", timeout=LONG)
