@@ -28,7 +28,7 @@ def pauses(t: NDArray[np.float64], usual: float | None = None) -> list[Span]:
 
 @dataclass
 class Stamps:
-    """Stamps of a channel that come piece by piece: its pauses, of which the first piece gives the usual period."""
+    """Stamps of a channel that come piece by piece: its pauses; the first piece gives the usual period."""
 
     found: list[Span] = field(default_factory=list[Span])
     _usual: float | None = None
@@ -36,9 +36,9 @@ class Stamps:
 
     def add(self, t: NDArray[np.float64]) -> None:
         """Take the next piece's stamps (N,) [s]."""
-        if self._usual is None and len(t) > 1:
-            self._usual = float(np.median(np.diff(t)))
         whole = t if self._last is None else np.concatenate(([self._last], t))
+        if self._usual is None and len(whole) > 1:
+            self._usual = float(np.median(np.diff(whole)))
         if self._usual is not None:
             self.found += pauses(whole, self._usual)
         if len(t):

@@ -178,7 +178,7 @@ class Vehicle:
 _LENGTHS = ("wheelbase", "track", "wheel_centre_height", "tyre_radius")
 """Lengths that are of a like size on a car."""
 _UNLIKE = 50.0
-"""Ratio of one of them to their median from which a unit must be wrong; on cars, karts and lorries it is 0.2 to 15."""
+"""Ratio of one of them to their median from which a unit must be wrong; of a lorry's wheelbase it is 14."""
 _CORNER_KEYS = (
     "track", "wheel_centre_height", "tyre_radius", "caster", "kingpin_inclination", "driven", "brakes", "kinematics",
     "static_camber", "static_toe", "setback", "joints",

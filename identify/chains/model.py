@@ -14,6 +14,7 @@ from lacet.identify.chains.effects import STANDARD, EncoderOffset, JointEffect, 
 from lacet.identify.chains.samples import JointSamples
 from lacet.identify.multibody.base_parameters import BaseParameters, find_base
 from lacet.identify.multibody.chain import Chain
+from lacet.identify.multibody.rigid_body import NEVER_NEGATIVE
 from lacet.identify.multibody.scaled_chain import ScaledChain
 from lacet.identify.multibody.symbolic_table import FIXED
 from lacet.identify.multibody.vectors import Array
@@ -25,8 +26,6 @@ _STATES = 300
 """Random states that show which parameters go together."""
 _ROUNDING = 1e-8
 """Factor by which a parameter is grouped, both in units of their columns' size, that is 0 [ratio]: numerical."""
-_POSITIVE = ("XX", "YY", "ZZ", "M")
-"""Inertial parameters of a body that are never negative."""
 _TURN = 1e-4
 """Step of the differences that give the torques' change with a joint's position [rad]."""
 
@@ -72,7 +71,7 @@ class ChainModel:
     @cached_property
     def never_negative(self) -> frozenset[str]:
         """Names of parameters that no body or law can have below 0: masses, moments of inertia, passive laws' own."""
-        bodies = (name for name in self.chain.parameter_names if name.rstrip("0123456789") in _POSITIVE)
+        bodies = (name for name in self.chain.parameter_names if name.rstrip("0123456789") in NEVER_NEGATIVE)
         return frozenset((*bodies, *(name for effect in self.effects if effect.passive for name in effect.parameters)))
 
     @cached_property

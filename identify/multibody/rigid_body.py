@@ -12,6 +12,9 @@ from lacet.identify.multibody.vectors import Array, cross
 PARAMETERS = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 """Parameters of a body: inertia tensor about the frame's origin [kg·m²], first moments [kg·m], mass [kg]."""
 
+NEVER_NEGATIVE = ("XX", "YY", "ZZ", "M")
+"""Those of them that no body has below zero."""
+
 FRICTION = ("IA", "FV", "FS")
 """Parameters of a joint: rotor inertia, viscous and Coulomb friction, in SYMORO's names."""
 

@@ -6,20 +6,18 @@ negative, and without wheel loads the model may fit as well as before: nothing b
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from lacet.identify.car.car_tree import CHASSIS
 from lacet.identify.effects.base import Parameter
+from lacet.identify.multibody.rigid_body import NEVER_NEGATIVE
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.parameter_estimates import Estimate
 
-_POSITIVE = re.compile(r"(XX|YY|ZZ|M)\d+")
-"""Names of moments of inertia about a body's own axes, and of masses."""
-_OF_BODY = frozenset(f"{kind}{CHASSIS}" for kind in ("XX", "YY", "ZZ", "M"))
-"""Those of the car's body. The small ones of wheels and carriers are negative as well where the model lacks something.
-"""
+_OF_BODY = frozenset(f"{kind}{CHASSIS}" for kind in NEVER_NEGATIVE)
+"""Mass and moments of inertia of the car's body. The small ones of wheels and carriers are negative as well where the
+model lacks something."""
 
 
 @dataclass(frozen=True)
@@ -57,15 +55,20 @@ def implausible_values(fitted: Fit, found: Sequence[Estimate]) -> list[Implausib
         members = [(1.0, parameters[int(base.independent[k])])]
         members += [(float(f), parameters[int(i)]) for f, i in zip(base.relations[k], base.dependent, strict=True) if f]
         low, high = (sum(ends) for ends in zip(*(_range(*member) for member in members), strict=True))
-        if _POSITIVE.fullmatch(e.name) and e.name not in _OF_BODY:
+        if _is_never_negative(e.name) and e.name not in _OF_BODY:
             continue
         if e.value + e.half_sheet < low or e.value - e.half_sheet > high:
             out.append(ImplausibleValue(e.name, e.unit, e.value, e.half_sheet, low, high))
     return out
 
 
+def _is_never_negative(name: str) -> bool:
+    """Whether a parameter is a mass or a moment of inertia of a body."""
+    return name.rstrip("0123456789") in NEVER_NEGATIVE
+
+
 def _range(factor: float, parameter: Parameter) -> tuple[float, float]:
     """Plausible range of a factor times a parameter."""
-    low = 0.0 if _POSITIVE.fullmatch(parameter.name) else parameter.low
+    low = 0.0 if _is_never_negative(parameter.name) else parameter.low
     ends = factor * low, factor * parameter.high
     return min(ends), max(ends)
