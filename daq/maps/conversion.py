@@ -210,15 +210,5 @@ class Conversion:
         return [
             f"[sources] '{said}' fits no name of the log and says nothing{nearest(said, names)}"
             for said in self.map.sources
-            if not any(fnmatch.fnmatchcase(name, said) for name in names) and not self._is_listed(said)
+            if not any(fnmatch.fnmatchcase(name, said) for name in names)
         ]
-
-    def _is_listed(self, name: str) -> bool:
-        """Whether a log has a name, however it is written."""
-        for source in self.sources:
-            try:
-                resolve(name, source.listed)
-            except KeyError:
-                continue
-            return True
-        return False

@@ -16,6 +16,7 @@ from lacet.identify.chains.samples import JointSamples, Recorded
 from lacet.identify.chains.scores import JointScore
 from lacet.identify.chains.verdicts import ChainVerdict, verdict_of
 from lacet.identify.multibody.chain import Chain
+from lacet.identify.selection.settings import SELECTION
 from lacet.identify.signals.filters import Filters
 from lacet.services.library.chains import IdentifiedChain, identify_chain
 from tests.identify.chains.robots import FRICTION, RATE, URDF, Record, motion, simulated
@@ -329,6 +330,22 @@ def test_values_that_cannot_be_are_told():
     assert not {"FV1", "FV2"} & {each.name for each in one.fitted.wrong_signs}
     exact = CHAIN.inverse_dynamics(RECORD.q, RECORD.qd, RECORD.qdd, CHAIN.given)
     assert identified(RECORD, exact).fitted.wrong_signs == ()
+
+
+def test_a_negative_value_is_told_beyond_chance_and_effect_size(monkeypatch: pytest.MonkeyPatch):
+    """1.5 σ is chance; 6 σ is none, and as little torque as the user does not ask for; 50 σ is told."""
+    fitted = PLAIN.fitted
+    (friction,) = (one for one in fitted.estimates if one.name == "FV1")
+    place = [fitted.base.names[int(k)] for k in fitted.base.independent].index("FV1")
+
+    def told(sigmas: float) -> list[str]:
+        x = fitted.x.copy()
+        x[place] = -sigmas * friction.sigma
+        return [one.name for one in replace(fitted, x=x).wrong_signs]
+
+    assert [told(sigmas) for sigmas in (1.5, 6.0, 50.0)] == [[], [], ["FV1"]]
+    monkeypatch.setattr("lacet.identify.chains.fit.SELECTION", replace(SELECTION, effect_size=0.0))
+    assert [told(sigmas) for sigmas in (1.5, 6.0)] == [[], ["FV1"]]
 
 
 def test_what_cannot_be_determined_is_refused():

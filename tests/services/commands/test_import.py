@@ -47,6 +47,21 @@ def test_a_real_car_s_bus_is_imported(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main([*map(str, words)]) == 2  # nothing is replaced
 
 
+@pytest.mark.parametrize("suffix", ["mcap", "parquet"])
+def test_a_pause_is_told_and_lasts_as_long_in_info(
+    tmp_path: Path, suffix: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = [f"{0.01 * k:.2f},{k % 7}" for k in range(1000) if not 300 < k < 500]
+    (tmp_path / "lap.csv").write_text("\n".join(["t,V [m/s]", *lines]) + "\n")
+    (tmp_path / "m.toml").write_text('format = "lacet-map 1"\n[channels]\n"car.speed" = "V"\n')
+    out = tmp_path / f"lap.{suffix}"
+    words = ["import", tmp_path / "lap.csv", "--map", tmp_path / "m.toml", "-o", out]
+    assert main(list(map(str, words))) == 3
+    assert "! no samples of car.speed from 3.00 to 5.00 s" in capsys.readouterr().out
+    main(["info", str(out)])
+    assert "no samples of car.speed from 3.00 to 5.00 s" in capsys.readouterr().out
+
+
 def test_a_damaged_log_leaves_no_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "lap.mf4").write_bytes((CAN / "canedge-gps-imu.mf4").read_bytes()[:3000])
     (tmp_path / "m.toml").write_text('format = "lacet-map 1"\n[channels]\n"gnss.speed" = "Speed"\n')

@@ -26,6 +26,7 @@ from lacet.daq.sources.open_source import opened
 from lacet.daq.sources.source import read_all
 from lacet.daq.vehicle import Vehicle
 from lacet.services.commands.__main__ import main
+from lacet.services.exports.tables import values_table
 from tests.identify.cars import CAR, piece
 from tests.services.commands.test_json import conforms
 from tests.support.tables import written
@@ -131,6 +132,14 @@ def test_matlab_structs_have_values_intervals_and_units(study: Path, tmp_path: P
     assert values["value"].shape == values["half95"].shape == (len(values["name"]),)
     assert set(found["errors"]["run"]) == {"sine", "rough"}
     assert "ranking" not in found
+
+
+def test_an_interval_without_the_sheet_is_given_where_that_is_all_there_is() -> None:
+    """Of a study that an earlier version made."""
+    mass = {"name": "mass", "value": 1400.0, "unit": "kg", "half95": 2.0, "identifiable": True}
+    found = values_table({"parameters": [], "not_identifiable": [], "whole_vehicle": [mass]})
+    (row,) = (dict(zip(found.columns, row, strict=True)) for row in found.rows)
+    assert (row["low95"], row["high95"], row["half95_sheet"], row["half95"]) == (1398.0, 1402.0, None, 2.0)
 
 
 def test_tables_and_json_agree(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -132,6 +132,18 @@ def test_a_plan_told_later_replaces_what_is_ahead_alone():
     assert now.remaining == pytest.approx(10.0, rel=0.1), "at half the usual pace"
 
 
+def test_a_job_that_has_just_begun_is_not_overdue():
+    """What it does first may not be planned."""
+    clock = Clock()
+    time = JobTime(clock)
+    time.step(planned([Stretch(ServiceStage.FITTING, 100.0)]))
+    time.step(ServiceStep(ServiceStage.READING_RUNS))
+    clock.now = 2.0
+    now = time.estimate()
+    assert now is not None
+    assert (now.remaining, now.overdue) == (None, False)
+
+
 def test_no_time_left_is_shown_while_a_search_goes_on_beyond_its_plan():
     clock = Clock()
     time = JobTime(clock)
