@@ -110,9 +110,9 @@ class Car:
             self.judge(f"wheel.{corner}.force.y", ay)
             load, side = self.get(f"wheel.{corner}.force.z"), self.get(f"wheel.{corner}.force.y")
             self.judge(f"wheel.{corner}.moment.x", side)
-            self.judge(f"suspension.{corner}.travel", load)
-            if ay is not None:
-                self.judge(f"suspension.{corner}.travel", ay, positive=corner.endswith("r"))
+            for travel in (f"suspension.{corner}.travel", f"damper.{corner}.travel"):
+                self.judge(travel, load)
+                self.judge(travel, ay, positive=corner.endswith("r"))
 
     def _by_mean(self, column: str) -> None:
         """Take the sign of what is positive by nature: distances, and speeds of a car that does not drive backwards."""

@@ -30,7 +30,8 @@ _SIZES: dict[str, tuple[float, float, tuple[str, ...]]] = {
     "imu.rate": (0.01, 2.5, ("rad/s", "deg/s")), "imu.attitude": (0.004, 0.4, ("rad", "deg")),
     "wheel.force.z": (800.0, 15e3, ("N", "kN", "daN")), "wheel.force": (60.0, 12e3, ("N", "kN", "daN")),
     "wheel.moment": (8.0, 4e3, ("N·m", "kN·m")), "wheel.speed": (4.0, 250.0, ("rad/s", "1/min")),
-    "suspension.travel": (0.002, 0.15, ("m", "mm")), "laser.hub": (0.05, 0.9, ("m", "mm")),
+    "suspension.travel": (0.002, 0.15, ("m", "mm")), "damper.travel": (0.002, 0.15, ("m", "mm")),
+    "laser.hub": (0.05, 0.9, ("m", "mm")),
     "laser.ground": (0.1, 1.5, ("m", "mm")), "camera.steer": (0.004, 0.7, ("rad", "deg")),
     "camera.camber": (0.001, 0.12, ("rad", "deg")), "steering.angle": (0.03, 12.0, ("rad", "deg")),
     "correvit.speed.x": (3.0, 90.0, ("m/s", "km/h")), "car.speed": (3.0, 90.0, ("m/s", "km/h")),
@@ -86,10 +87,10 @@ def guess(source: Source) -> list[Guess]:
         one = series.get(name)
         if one is None or not len(one.t):
             continue
-        for meaning in meanings(name):
-            found = _quantity(about, meaning, one)
-            if found.probability > 0.0:
-                claims.setdefault(found.column, []).append((found.probability, found, meaning))
+        possible = [(_quantity(about, meaning, one), meaning) for meaning in meanings(name)]
+        found, meaning = max(possible, key=lambda claim: claim[0].probability, default=(about, None))
+        if meaning is not None and found.probability > 0.0:
+            claims.setdefault(found.column, []).append((found.probability, found, meaning))
     chosen: dict[str, tuple[Guess, Meaning]] = {}
     for column, several in claims.items():
         several.sort(key=lambda claim: -claim[0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from dataclasses import dataclass
 
 _CORNERS = {
@@ -16,61 +17,73 @@ _FRONT = {"front", "vorne", "vorn", "avant", "av", "ant", "del"}
 _REAR = {"rear", "hinten", "arriere", "ar", "back", "post", "tras"}
 _LEFT = {"left", "links", "gauche", "izq", "sx", "sinistra", "izquierda"}
 _RIGHT = {"right", "rechts", "droite", "droit", "der", "dx", "destra", "derecha"}
-_ACCEL = {"acc", "accel", "acceleration", "beschl", "beschleunigung", "acel", "aceleracion", "accelerazione", "a"}
-_RATE = {"rate", "gyro", "gyr", "rotrate", "angularrate", "rot", "omega", "velocity", "vitesse", "vel", "geschw", "w",
-         "drehrate", "angvel"}  # fmt: skip
-_X = {"x", "lon", "long", "longitudinal", "laengs", "längs", "longi", "forward"}
+_ACCEL = {"acc", "acel", "aceleracion", "accelerazione", "accelerometer", "a", "g"}
+_RATE = {"rate", "gyro", "gyr", "gyroscope", "rotrate", "angularrate", "rot", "omega", "velocity", "vitesse", "vel",
+         "geschw", "w", "drehrate", "angvel", "dot", "punkt"}  # fmt: skip
+_X = {"x", "lon", "long", "longitudinal", "laengs", "longi", "forward", "inline"}
 _Y = {"y", "lat", "lateral", "quer", "trans", "transv", "laterale"}
 _Z = {"z", "vert", "vertical", "hoch", "verticale", "vertikal"}
 _VELOCITY = {"vel", "velocity", "vitesse", "geschw"}
 _UNIT = {"imu", "ahrs", "gyro"}
 """Words for an inertial unit."""
 _GNSS = {"gps", "gnss", "ins", "vbox"}
-_SPLIT = re.compile(r"[A-ZÄÖÜ]+(?![a-zäöüß])|[A-ZÄÖÜ]?[a-zäöüß]+|\d+")
+_NO_MEANING = {
+    "car",
+    "vehicle",
+    "fahrzeug",
+    "kfz",
+    "body",
+    "aufbau",
+    "sensor",
+    "signal",
+    "value",
+    "wert",
+    "pos",
+    "fahr",
+}
+"""Words that say nothing of the quantity."""
+_UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss"})
+_SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 _STEER = {"steer", "steering", "delta", "lenk", "spur", "toe", "braquage", "sterzo", "direccion"}
 _STROKE = re.compile("pot|damper|shock|dämpfer|daempfer|amortis")
 _COMPOUND = {
     # one word for two: word → the words it stands for
     "lataccel": "acc lat", "latacc": "acc lat", "longaccel": "acc long", "lonacc": "acc lon", "longacc": "acc long",
     "vertacc": "acc vert", "accx": "acc x", "accy": "acc y", "accz": "acc z", "ax": "acc x", "ay": "acc y",
-    "az": "acc z",
-    "gyrox": "gyro x", "gyroy": "gyro y", "gyroz": "gyro z", "wx": "rate x", "wy": "rate y", "wz": "rate z",
-    "querbeschl": "acc lat", "querbeschleunigung": "acc lat", "laengsbeschl": "acc long", "längsbeschl": "acc long",
-    "laengsbeschleunigung": "acc long", "längsbeschleunigung": "acc long", "hochbeschleunigung": "acc vert",
-    "yawrate": "yaw rate", "rollrate": "roll rate", "pitchrate": "pitch rate", "gierrate": "yaw rate",
-    "wankrate": "roll rate", "nickrate": "pitch rate", "giergeschw": "yaw rate", "giergeschwindigkeit": "yaw rate",
-    "wankgeschwindigkeit": "roll rate", "nickgeschwindigkeit": "pitch rate", "vitesselacet": "yaw rate",
-    "wankwinkel": "roll angle", "nickwinkel": "pitch angle", "gierwinkel": "yaw angle", "rollangle": "roll angle",
+    "az": "acc z", "gyrox": "gyro x", "gyroy": "gyro y", "gyroz": "gyro z", "wx": "rate x", "wy": "rate y",
+    "wz": "rate z", "gx": "g x", "gy": "g y", "gz": "g z", "aq": "acc y", "psi": "yaw", "theta": "pitch",
+    "yawrate": "yaw rate", "rollrate": "roll rate", "pitchrate": "pitch rate", "rollangle": "roll angle",
     "pitchangle": "pitch angle", "yawangle": "yaw angle", "lacet": "yaw", "roulis": "roll", "tangage": "pitch",
-    "lenkradwinkel": "swa", "lenkwinkel": "swa", "lrw": "swa", "steeringwheelangle": "swa", "steerwheelangle": "swa",
-    "steeringangle": "swa", "steerangle": "swa", "volant": "swa", "anglevolant": "swa", "radlenkwinkel": "steer",
-    "wheelsteer": "steer", "spurwinkel": "steer", "sturz": "camber", "gamma": "camber", "sturzwinkel": "camber",
-    "carrossage": "camber", "caida": "camber", "fx": "force x", "fy": "force y", "fz": "force z", "mx": "moment x",
-    "my": "moment y", "mz": "moment z", "kraft": "force", "radkraft": "force", "effort": "force", "fuerza": "force",
-    "forza": "force", "drehmoment": "moment", "mom": "moment", "couple": "moment", "torque": "moment",
-    "momento": "moment",
-    "radlast": "force z", "wheelload": "force z", "federweg": "travel", "einfederung": "travel", "damperpot": "travel",
-    "pot": "travel", "debattement": "travel", "susptravel": "travel", "susp": "travel", "suspension": "travel",
-    "daempferweg": "travel", "dämpferweg": "travel", "recorrido": "travel", "shock": "travel", "damper": "travel",
-    "drehzahl": "rotation", "raddrehzahl": "wheel rotation", "wheelspeed": "wheel speed", "whlspd": "wheel speed",
-    "wspd": "wheel speed", "ws": "wheel speed", "rotspeed": "wheel rotation", "radgeschw": "wheel speed",
-    "whl": "wheel", "rad": "wheel", "roue": "wheel", "rueda": "wheel", "spd": "speed", "vx": "velocity x",
-    "vy": "velocity y", "vlon": "velocity x", "vlat": "velocity y", "geschwindigkeit": "speed", "geschw": "speed",
-    "velocidad": "speed", "velocita": "speed", "vitesse": "speed", "velocity": "velocity", "vehspd": "speed",
-    "vehiclespeed": "speed", "carspeed": "speed", "kfzgeschw": "speed", "heading": "course", "kurs": "course",
-    "cap": "course", "latitude": "latitude", "longitude": "longitude", "breite": "latitude", "laenge": "longitude",
-    "hgnd": "ground", "rideheight": "ground", "bodenabstand": "ground", "bodenfreiheit": "ground", "garde": "ground",
-    "hauteur": "ground", "height": "ground", "rpm": "engine rotation", "nmot": "engine rotation",
-    "regime": "engine rotation", "boden": "ground", "nabe": "hub", "moyeu": "hub", "v": "velocity",
-    "motordrehzahl": "engine rotation", "enginespeed": "engine rotation", "throttle": "throttle", "tps": "throttle",
-    "gaspedal": "throttle", "fahrpedal": "throttle", "bremsdruck": "brake pressure", "brakepressure": "brake pressure",
-    "brakepress": "brake pressure", "pbrake": "brake pressure", "frein": "brake", "freno": "brake", "bremse": "brake",
-    "press": "pressure", "druck": "pressure", "pression": "pressure", "druecke": "pressure", "winkel": "angle",
-    "phi": "angle", "acceleration": "acc", "accel": "acc", "beschl": "acc", "beschleunigung": "acc",
-    "altitude": "altitude",
-    "hoehe": "altitude", "wank": "roll", "nick": "pitch", "gier": "yaw", "wanken": "roll", "nicken": "pitch",
-    "gieren": "yaw", "accelerationx": "acc x", "accelerationy": "acc y", "accelerationz": "acc z",
-    "angularratex": "rate x", "angularratey": "rate y", "angularratez": "rate z", "rideh": "ground", "n": "rotation",
+    "lenkradwinkel": "swa", "lenkwinkel": "swa", "lrw": "swa", "lenkrad": "swa", "steeringwheelangle": "swa",
+    "steerwheelangle": "swa", "steeringangle": "swa", "steerangle": "swa", "volant": "swa", "anglevolant": "swa",
+    "radlenkwinkel": "steer", "wheelsteer": "steer", "spurwinkel": "steer", "sturz": "camber", "gamma": "camber",
+    "sturzwinkel": "camber", "carrossage": "camber", "caida": "camber", "fx": "force x", "fy": "force y",
+    "fz": "force z", "mx": "moment x", "my": "moment y", "mz": "moment z", "kraft": "force", "radkraft": "force",
+    "effort": "force", "fuerza": "force", "forza": "force", "drehmoment": "moment", "mom": "moment", "couple": "moment",
+    "torque": "moment", "momento": "moment", "radlast": "force z", "aufstandskraft": "force z",
+    "seitenkraft": "force y", "laengskraft": "force x", "querkraft": "force y", "wheelload": "force z",
+    "federweg": "travel", "einfederung": "travel", "damperpot": "travel", "pot": "travel", "debattement": "travel",
+    "susptravel": "travel", "susp": "travel", "suspension": "travel", "daempferweg": "travel", "wegsensor": "travel",
+    "hoehenstand": "travel", "daempfer": "travel", "daempferkraft": "travel force", "recorrido": "travel",
+    "shock": "travel", "damper": "travel", "drehzahl": "rotation", "raddrehzahl": "wheel rotation",
+    "wheelspeed": "wheel speed", "whlspd": "wheel speed", "wspd": "wheel speed", "ws": "wheel speed",
+    "rotspeed": "wheel rotation", "radgeschw": "wheel speed", "whl": "wheel", "rad": "wheel", "roue": "wheel",
+    "rueda": "wheel", "spd": "speed", "vx": "velocity x", "vy": "velocity y", "vlon": "velocity x",
+    "vlat": "velocity y", "geschwindigkeit": "speed", "geschw": "speed", "velocidad": "speed", "velocita": "speed",
+    "vitesse": "speed", "velocity": "velocity", "vehspd": "speed", "vehiclespeed": "speed", "carspeed": "speed",
+    "kfzgeschw": "speed", "heading": "course", "kurs": "course", "cap": "course", "latitude": "latitude",
+    "longitude": "longitude", "breite": "latitude", "laenge": "longitude", "hgnd": "ground", "rideheight": "ground",
+    "bodenabstand": "ground", "bodenfreiheit": "ground", "garde": "ground", "hauteur": "ground", "height": "ground",
+    "rpm": "engine rotation", "nmot": "engine rotation", "regime": "engine rotation", "boden": "ground", "nabe": "hub",
+    "moyeu": "hub", "v": "velocity", "motordrehzahl": "engine rotation", "enginespeed": "engine rotation",
+    "throttle": "throttle", "tps": "throttle", "gaspedal": "throttle", "fahrpedal": "throttle",
+    "bremsdruck": "brake pressure", "brakepressure": "brake pressure", "brakepress": "brake pressure",
+    "pbrake": "brake pressure", "frein": "brake", "freno": "brake", "bremse": "brake", "press": "pressure",
+    "druck": "pressure", "pression": "pressure", "druecke": "pressure", "winkel": "angle", "acceleration": "acc",
+    "accel": "acc", "beschl": "acc", "beschleunigung": "acc", "altitude": "altitude", "hoehe": "altitude",
+    "wank": "roll", "nick": "pitch", "gier": "yaw", "wanken": "roll", "nicken": "pitch", "gieren": "yaw",
+    "accelerationx": "acc x", "accelerationy": "acc y", "accelerationz": "acc z", "angularratex": "rate x",
+    "angularratey": "rate y", "angularratez": "rate z", "rideh": "ground", "n": "rotation",
 }  # fmt: skip
 
 
@@ -83,9 +96,31 @@ class Meaning:
     signed: bool = True
 
 
+_KNOWN = frozenset(
+    {word for word in _COMPOUND if len(word) > 1} | {word for word in _CORNER_OF if len(word) > 1}
+    | _FRONT | _REAR | _LEFT | _RIGHT | _UNIT | _GNSS | _NO_MEANING
+    | {word for words in (_ACCEL, _RATE, _X, _Y, _Z, _STEER) for word in words if len(word) > 1}
+    | {"speed", "force", "moment", "roll", "pitch", "yaw", "wheel", "engine", "brake", "camber", "hub", "course"}
+)  # fmt: skip
+"""Words of two letters or more that a run of letters may be made of."""
+
+
+def _parts(word: str) -> list[str]:
+    """The fewest known words that a run of letters is made of (fahrgeschwindigkeit, whlspdfl), or itself alone."""
+    best: list[list[str] | None] = [[]] + [None] * len(word)
+    for end in range(2, len(word) + 1):
+        for begin in range(end - 1):
+            before = best[begin]
+            if before is not None and word[begin:end] in _KNOWN and len(before) + 1 < len(best[end] or word):
+                best[end] = [*before, word[begin:end]]
+    return best[-1] or [word]
+
+
 def words_of(name: str) -> tuple[list[str], str]:
     """The words of a name in the lexicon's form, and the corner among them, empty for none."""
-    raw = [part.lower() for part in _SPLIT.findall(name.replace("é", "e").replace("è", "e").replace("_", " "))]
+    plain = unicodedata.normalize("NFC", name.replace("_", " ")).translate(_UMLAUTS)
+    plain = unicodedata.normalize("NFKD", plain).encode("ascii", "ignore").decode()
+    raw = [part for run in _SPLIT.findall(plain) for part in _parts(run.lower())]
     corner, kept = "", list[str]()
     joined = ["".join(raw[i : i + 2]) for i in range(len(raw) - 1)]
     for pair in joined:
@@ -139,21 +174,30 @@ def _of_words(have: set[str], corner: str, name: str) -> list[Meaning]:
             add("wheel.{c}.speed", 0.98, False)
         elif "speed" in have:
             add("wheel.{c}.speed", 0.9, False)
+        elif have - _NO_MEANING in ({"wheel"}, {"wheel", "velocity"}):  # the unit decides
+            add("wheel.{c}.speed", 0.93, False)
         if "camber" in have:
             add("camera.{c}.camber", 0.97)
         elif (_STEER | {"swa"}) & have:  # a steering wheel has no corner
             add("camera.{c}.steer", 0.95)
-        elif "angle" in have:
+        elif {"angle", "phi"} & have:
             add("wheel.{c}.angle", 0.9, False)
         if "ground" in have:
             add("laser.{c}.ground", 0.95, False)
         if "travel" in have and "force" not in have:
-            # A potentiometer's stroke is not the wheel's: its ratio has to be said, and nothing here shows it.
-            add("suspension.{c}.travel", 0.85 if _STROKE.search(name.lower()) else 0.96)
-        if ({"hub"} & have) and not _ACCEL & have:
+            if _STROKE.search(name.lower()):  # not the wheel's travel: a motion ratio lies between
+                add("damper.{c}.travel", 0.85)
+            else:
+                add("suspension.{c}.travel", 0.96)
+        if {"travel", "force"} <= have and not axis:
+            add("damper.{c}.force", 0.9)
+        if _ACCEL & have and axis:
+            add("hub.{c}.accel." + axis, 0.95)
+        elif "hub" in have:
             add("laser.{c}.hub", 0.93, False)
         return out
-    turn = next((word for word in ("roll", "pitch", "yaw") if word in have), "")
+    bare = have - _NO_MEANING - _GNSS
+    turn = next((word for word in ("roll", "pitch", "yaw") if word in have), "roll" if "phi" in have else "")
     if turn:
         rate = bool(_RATE & have) or "speed" in have
         if rate:
@@ -162,15 +206,19 @@ def _of_words(have: set[str], corner: str, name: str) -> list[Meaning]:
             add(f"imu.attitude.{turn}", 0.95)
     elif axis and _ACCEL & have:
         add(f"imu.accel.{axis}", 0.98, axis != "z")
+        if "g" in have:  # gyro or g: the unit decides
+            add(f"imu.rate.{axis}", 0.9)
     elif axis and _RATE & have and "velocity" not in have and "speed" not in have:
         add(f"imu.rate.{axis}", 0.96)
         if axis != "z" and _VELOCITY & have:  # the unit decides
             add(f"correvit.speed.{axis}", 0.93, axis == "y")
     elif axis in ("x", "y") and {"velocity", "speed", "correvit"} & have:
         add(f"correvit.speed.{axis}", 0.93, axis == "y")
-    elif "swa" in have or (_STEER & have and ({"wheel", "angle"} & have)):
+    elif "moment" in have and (_STEER | {"swa"}) & have:
+        add("steering.torque", 0.95)
+    elif "swa" in have or (_STEER & have and ({"wheel", "angle"} & have)) or bare == {"steering"}:
         add("steering.angle", 0.96)
-    elif "speed" in have and "engine" not in have and "wheel" not in have:
+    elif ("speed" in have and "engine" not in have and "wheel" not in have) or bare == {"velocity"}:
         add("gnss.speed" if _GNSS & have or _GNSS & set(words_of(name)[0]) else "car.speed", 0.95, False)
     elif {"engine", "rotation"} <= have:
         add("engine.speed", 0.96, False)

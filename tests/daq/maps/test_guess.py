@@ -167,3 +167,32 @@ def test_the_usual_words_of_several_languages(name: str, column: str) -> None:
 def test_a_word_that_is_none_means_nothing() -> None:
     assert meanings("FuelLevel") == []
     assert meanings("gnss_speed.SpeedAccuracy")[0].words < 0.5
+
+
+@pytest.mark.parametrize(
+    ("name", "column"),
+    [
+        ("V", "car.speed"), ("Fahrgeschwindigkeit", "car.speed"), ("speedgps", "gnss.speed"),
+        ("Vertikalbeschleunigung", "imu.accel.z"), ("imuax", "imu.accel.x"), ("G Force Lat", "imu.accel.y"),
+        ("wheelspeedfl", "wheel.fl.speed"), ("WhlFL", "wheel.fl.speed"), ("Aufstandskraft VL", "wheel.fl.force.z"),
+        ("DämpferwegHR", "damper.rr.travel"), ("Shock Pos LR", "damper.rl.travel"),
+        ("Radbeschl_VL_z", "hub.fl.accel.z"), ("phi", "imu.attitude.roll"), ("phi_FL", "wheel.fl.angle"),
+        ("PsiPunkt", "imu.rate.z"), ("Lenkradmoment", "steering.torque"), ("Débattement AVG", "suspension.fl.travel"),
+    ],
+)  # fmt: skip
+def test_words_of_a_name_are_found_also_where_they_are_written_as_one(name: str, column: str) -> None:
+    assert meanings(name)[0].column == column
+
+
+@pytest.mark.parametrize("name", ["time", "lapdist", "relay", "gear", "clutch", "Battery Voltage", "tirepressure_fl"])
+def test_a_name_of_other_words_means_no_channel(name: str) -> None:
+    assert meanings(name) == []
+
+
+@pytest.mark.parametrize(("unit", "column"), [("g", "imu.accel.y"), ("deg/s", "imu.rate.y")])
+def test_the_unit_decides_between_an_acceleration_and_a_rate(tmp_path: Path, unit: str, column: str) -> None:
+    t = np.arange(0.0, 10.0, 0.01)
+    table = np.column_stack([t, 0.5 * np.sin(t)])
+    np.savetxt(tmp_path / "a.csv", table, "%.6f", ",", header=f"t,Gy [{unit}]", comments="")
+    with opened(tmp_path / "a.csv") as source:
+        assert [one.column for one in guess(source)] == [column]
