@@ -191,7 +191,10 @@ class Conversion:
                 own = name if several[name] == 1 else f"{source.path.stem}.{name}"
                 self._places[own] = (at, name)
         units = {own: self.sources[at].listed[name].unit for own, (at, name) in self._places.items()}
-        found = resolved(self.map, units)
+        in_full = {
+            full: name for source in self.sources for full, name in source.in_full().items() if several[name] == 1
+        }
+        found = resolved(self.map, units, in_full)
         lacking = [f"{name} was left out: {why}" for name, why in found.lacking.items()]
         self.assemblies = [Assembly(*one) for one in found.recipes]
         self.notes += lacking

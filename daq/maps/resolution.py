@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import NamedTuple
 
 from lacet.daq.channels import CHANNELS, COLUMNS, Channel
@@ -42,8 +43,13 @@ class Resolution:
     without_unit: list[str] = field(default_factory=list)
 
 
-def resolved(map_: ChannelMap, units: Mapping[str, str]) -> Resolution:
-    """The channels of a map by the names of a log; `units` : name in the log → its unit there, empty for none."""
+def resolved(
+    map_: ChannelMap, units: Mapping[str, str], in_full: Mapping[str, str] = MappingProxyType({})
+) -> Resolution:
+    """The channels of a map by the names of a log.
+
+    `units` : name in the log → its unit there, empty for none. `in_full` : name with its bus → name in the log.
+    """
     out = Resolution()
     parts: dict[str, dict[int, Mapped]] = {}
     for column, mapped in map_.channels.items():
@@ -59,7 +65,7 @@ def resolved(map_: ChannelMap, units: Mapping[str, str]) -> Resolution:
             continue
         try:
             columns = [found[i] for i in range(channel.width)]
-            keys = [_keys(map_, one, units, without) for one in columns]
+            keys = [_keys(map_, one, units, in_full, without) for one in columns]
             if not any(keys):
                 raise ValueError("constants only: no name of the log is in it")
             out.recipes.append(Recipe(channel, columns, keys))
@@ -69,14 +75,17 @@ def resolved(map_: ChannelMap, units: Mapping[str, str]) -> Resolution:
     return out
 
 
-def _keys(map_: ChannelMap, mapped: Mapped, units: Mapping[str, str], without: dict[str, None]) -> dict[str, Key]:
+def _keys(
+    map_: ChannelMap, mapped: Mapped, units: Mapping[str, str], in_full: Mapping[str, str], without: dict[str, None]
+) -> dict[str, Key]:
     """The series of a column's expression. Raises ValueError in words."""
     out: dict[str, Key] = {}
     known: dict[str, Unit | None] = {}
     for name, source in mapped.written.names.items():
         said = map_.said(source)
         try:
-            found = resolve(said.name or source, units, str if said.name else written_name)
+            asked = said.name or source
+            found = resolve(in_full.get(asked, asked), units, str if said.name else written_name)
         except KeyError as cause:
             raise ValueError(f"{mapped.column}: {cause.args[0]}") from None
         unit = mapped.unit or said.unit or map_.said(found).unit or units[found]

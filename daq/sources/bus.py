@@ -46,14 +46,15 @@ class BusSource(Source):
             buses = np.unique(first.bus[mine])
             if len(buses) > 1:
                 self._twice.add(message.name)
-            befores = [f"{first.buses[bus]}." for bus in buses] if len(buses) > 1 else [""]
-            for before in befores:
+            names_of_buses = [f"{first.buses[bus]}." for bus in buses]
+            for before in names_of_buses if len(buses) > 1 else [""]:
                 for one in message.signals:
                     name = f"{before}{message.name}.{one.name}"
                     place = f"message {message.ident & ~EXTENDED:#05x}" + (
                         "" if mine.any() else ", no frame of it seen"
                     )
-                    self.listed.setdefault(name, Listed(name, one.signal.unit, None, place))
+                    also = f"{names_of_buses[0]}{name}" if len(buses) == 1 else ""
+                    self.listed.setdefault(name, Listed(name, one.signal.unit, None, place, also))
         known = np.zeros(len(first.ident), bool)
         for message in self._messages:
             known |= message.of(first.ident)

@@ -31,12 +31,14 @@ class Listed:
     unit : as the file writes it, empty where it says none.
     count : number of samples, None where the file would have to be read for it.
     place : where it stands, in the words of the format: ``column 3``, ``message 0x0D0``.
+    also : its name in full, with the bus that the log's other names are told apart by.
     """
 
     name: str
     unit: str = ""
     count: int | None = None
     place: str = ""
+    also: str = ""
 
 
 @dataclass(frozen=True)
@@ -113,19 +115,24 @@ class Source(ABC):
         return self.start_ns / 1e9
 
     def resolve(self, name: str) -> str:
-        """The name in the log that is meant: the name itself, its last part where unique, or another capitalization.
+        """The name in the log that is meant: itself, its last parts where unique, or in another capitalization.
 
         Raises KeyError with the reason: there is none, or several.
         """
-        return resolve(name, self.listed)
+        return resolve(self.in_full().get(name, name), self.listed)
+
+    def in_full(self) -> dict[str, str]:
+        """Names in full → names listed."""
+        return {one.also: name for name, one in self.listed.items() if one.also}
 
 
 def resolve(name: str, known: Collection[str], written: Callable[[str], str] = str) -> str:
     """As `Source.resolve`, among any names; `written` : how one is written where it is asked for."""
     if name in known:
         return name
-    for same in (_last, str.lower, lambda text: _last(text).lower()):
-        found = [one for one in known if same(one) == (name if same is _last else same(name))]
+    asked = name.replace("/", ".")
+    for same in (str, str.lower):
+        found = [one for one in known if f".{same(one)}".replace("/", ".").endswith(f".{same(asked)}")]
         if len(found) == 1:
             return found[0]
         if found:

@@ -182,3 +182,27 @@ def test_a_bus_that_begins_late_is_not_mixed_with_the_first(
     assert "DYN" in note
     assert "bus 2" in note
     source.close()
+
+
+@pytest.mark.parametrize("bus", [1, 2])
+def test_a_map_of_two_buses_fits_a_log_of_the_one_that_it_names(bus: int, tmp_path: Path) -> None:
+    """A message on one bus has its name alone, which may be written with that bus before it, with no other."""
+    described(tmp_path)
+    log = tmp_path / "drive.log"
+    log.write_text("".join(f"({t:.6f}) {b} {ident:03X}#{d.hex()}\n" for t, b, ident, d in drive_of(bus)))
+    text = 'format = "lacet-map 1"\n[read]\ndbc = ["motion.dbc"]\n[channels]\n"car.yaw_rate" = "`1.DYN.YawRate`"'
+    channel_map = ChannelMap.parse(text, "map", tmp_path)
+    if bus == 1:
+        values = open_run(log, channel_map).signals["car.yaw_rate"].values[:, 0]
+        np.testing.assert_allclose(values, np.deg2rad(0.01 * YAW), atol=1e-12)
+    else:
+        with pytest.raises(RunError, match=r"there is no '1\.DYN\.YawRate'"):
+            open_run(log, channel_map)
+
+
+def test_a_signal_of_another_message_is_not_taken_for_the_one_named(tmp_path: Path) -> None:
+    source = opened(tmp_path, in_layout(tmp_path, "one group"))
+    assert source.resolve("long.steerangle") == source.resolve("SteerAngle") == "LONG.SteerAngle"
+    with pytest.raises(KeyError, match=r"there is no 'DYN\.SteerAngle'"):
+        source.resolve("DYN.SteerAngle")
+    source.close()
