@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.frames import EXTENDED
-from lacet.daq.sources.dbc_messages import BusMessage, read_dbc
+from lacet.daq.sources.dbc_messages import BusMessage, read_dbcs
 from lacet.daq.sources.frames import BusFrames
 from lacet.daq.sources.source import Listed, Piece, Series, Source, fault
 
@@ -32,7 +32,7 @@ class BusSource(Source):
                 path, f"these are raw frames of a bus ({_some_ids(frames)}): the file that describes them is missing; "
                 'say it in the map, [read] dbc = ["my-car.dbc"], or with --dbc FILE',
             )  # fmt: skip
-        self._messages = [message for file in dbc for message in read_dbc(file)]
+        self._messages = read_dbcs(dbc)
         first = next(iter(frames()), None)
         if first is None:
             raise fault(path, "it holds no frames")

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -103,6 +104,24 @@ class BusMessage:
         if have >= self.width:
             return np.ascontiguousarray(rows[:, : self.width])
         return np.concatenate([rows, np.zeros((len(rows), self.width - have), np.uint8)], axis=1)
+
+
+def read_dbcs(paths: Sequence[Path]) -> list[BusMessage]:
+    """The messages of several DBCs: one that they describe alike once, others of one name with their file's before it.
+
+    Raises DbcError.
+    """
+    found = {(path, message.name): message for path in paths for message in read_dbc(path)}
+    alike: dict[str, list[BusMessage]] = {}
+    for message in found.values():
+        if message not in alike.setdefault(message.name, []):
+            alike[message.name].append(message)
+    out: list[BusMessage] = []
+    for (path, name), message in found.items():
+        own = replace(message, name=f"{path.stem}.{name}") if len(alike[name]) > 1 else message
+        if own not in out:
+            out.append(own)
+    return out
 
 
 def read_dbc(path: Path) -> list[BusMessage]:

@@ -206,3 +206,20 @@ def test_a_signal_of_another_message_is_not_taken_for_the_one_named(tmp_path: Pa
     with pytest.raises(KeyError, match=r"there is no 'DYN\.SteerAngle'"):
         source.resolve("DYN.SteerAngle")
     source.close()
+
+
+def test_a_message_that_two_files_describe_in_two_ways_is_named_with_its_file(tmp_path: Path) -> None:
+    """What they describe alike is one message; neither file's values take the place of the other's."""
+    both = described(tmp_path)
+    (tmp_path / "other.dbc").write_text(MOTION.replace("256 DYN", "512 DYN").replace("(0.01,0)", "(0.5,0)"))
+    log = tmp_path / "drive.log"
+    ids = {1: 0x100, 2: 0x200}  # the second bus' frames have the identifier that the other file gives
+    log.write_text("".join(f"({t:.6f}) 1 {ids[b]:03X}#{d.hex()}\n" for t, b, i, d in drive() if i == 0x100))
+    source = open_source(log, Reading(dbc=(*both, tmp_path / "other.dbc")))
+    assert set(source.listed) == {
+        "motion.DYN.YawRate", "other.DYN.YawRate", "LONG.SteerAngle", "GPS_VEL.GpsSpeed"
+    }  # fmt: skip
+    found = read_all(source, list(source.listed))
+    np.testing.assert_allclose(found["motion.DYN.YawRate"].values, 0.01 * YAW, atol=1e-9)
+    np.testing.assert_allclose(found["other.DYN.YawRate"].values, 0.5 * SPEED, atol=1e-9)
+    source.close()
