@@ -1,4 +1,4 @@
-"""Plausibility of a run before it is fitted: units and signs of its channels, and exchanged wheels.
+"""Plausibility of a run before it is fitted: units and signs of its channels.
 
 A table in degrees, in g or in kilonewtons, or with a reversed axis, is fitted without complaint; the model then fails
 in every row, and no effect explains it. The checks hold for every car: gravity is 9.81 m/s², wheels roll, attitude is
@@ -13,8 +13,6 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
-from functools import reduce
-from itertools import permutations
 from typing import Final
 
 import numpy as np
@@ -22,18 +20,11 @@ from numpy.typing import NDArray
 
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.identify.car.car_tree import orientation
-from lacet.identify.car.rows import TYRE_ROWS
 from lacet.identify.car.sources.completion import SPEEDS
 from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.signals.filters import decimate
 
-_CLEAR = 0.5
-"""Part of the misfit that another assignment of wheels to corners may leave at most to be reported."""
-_FOLLOWS = 0.25
-"""Part of a wheel load's variance unexplained by its tyre deflection, above which exchanged wheels are not looked for.
-"""
 _DEGREE: Final = math.pi / 180.0
 _TWICE: Final = 2.0
 """Factor, too large or too small, from which a value is implausible."""
@@ -47,8 +38,16 @@ _LIGHT: Final = 2.0
 """Mass ÷ wheelbase³ below that of any car [kg/m³]; scale models to lorries have 30 to 200."""
 _CORNERS: Final = 0.5
 """Lateral acceleration from which the roll of the body is compared with it [m/s², 1 σ]."""
+_OPPOSITE: Final = 0.3
+"""Correlation, of either sign, from which the body's turns belong to its travels: springs turn the body back towards
+its wheels, whatever road or manoeuvre turns it, so that more noise makes it smaller, but never the other sign."""
+_MINOR: Final = 0.1
+"""Part of the roll that a pitch is at least, and the reverse, to be compared with travels: links that raise the body in
+a turn, which is no spring's doing, turn it less about the other axis."""
+_SURE: Final = 4.0
+"""Size of that correlation in standard deviations of two series of noise: 1 in 16,000 by chance."""
 _STEP: Final = 0.2
-"""Time step over which an attitude is compared with the integral of its rate [s]."""
+"""Time step over which attitude and travels are compared with the integral of the rates [s]."""
 _LEAST: Final = 30
 """Least number of samples of a check."""
 
@@ -72,6 +71,9 @@ class Symptom(Enum):
     FORCE_SIGN = auto()
     INERTIAL_UNIT_TURNED = auto()
     LEANING = auto()
+    TRAVEL_SIGN = auto()
+    ROLL_RATE_SIGN = auto()
+    PITCH_RATE_SIGN = auto()
     STEER_SIGN = auto()
     STEER_SIZE = auto()
 
@@ -83,7 +85,7 @@ class Doubt:
     Attributes
     ----------
     symptom : the check that failed.
-    subject : the channels, or the angle and axis, the axis or the axle concerned.
+    subject : the channels, or the angle and axis, the axis, or the axles or sides concerned; none where all are.
     value : the value found, in the SI unit of the channel, or as a ratio of two quantities that should be equal.
     other : the value it was compared with.
     guess : the unit that explains the value; empty where none does.
@@ -115,45 +117,6 @@ def doubtful_channels(run: PreparedRun) -> list[Doubt]:
         if found:
             return found
     return []
-
-
-def exchanged_wheels(run: PreparedRun) -> Mapping[str, str]:
-    """Wheels whose loads follow the tyre deflection of another corner, as wheel → corner; empty where there are none.
-
-    A tyre's load follows its own deflection closely, whatever the car and the manoeuvre; where the loads of two wheels
-    fit each other's deflections much better than their own, their wires were exchanged.
-    """
-    run = run.overview()
-    outline = run.outline
-    rows = [row for row in TYRE_ROWS if row in run.rows]
-    corners = [row.place for row in rows]
-    if len(rows) < 2:
-        return {}
-    keep = reduce(np.intersect1d, (run.index[row] for row in rows))
-    if keep.size < 30:
-        return {}
-    loads: list[Array] = list(decimate(np.stack([outline.tyres[row] for row in rows]), outline.filters, keep))
-    deflections = decimate(np.stack([outline.corners[c].deflection for c in corners]), outline.filters, keep)
-    cost = np.ones((len(corners), len(corners)))
-    for i, load in enumerate(loads):
-        for j, deflection in enumerate(deflections):
-            centred: Array = np.asarray(deflection - np.mean(deflection), float)
-            if not np.any(centred) or not float(np.var(load)):
-                continue  # a dead sensor has no correlation
-            slope = float(centred @ load / (centred @ centred))
-            misfit = float(np.var(load - slope * centred) / np.var(load))
-            cost[i, j] = misfit if slope > 0 else 1.0
-    each = range(len(corners))
-    places = min(permutations(each), key=lambda places: float(cost[each, places].sum()))
-    own, best = float(np.trace(cost)), float(cost[each, places].sum())
-    moved = {corners[i]: corners[j] for i, j in zip(each, places, strict=True) if i != j}
-    if (
-        not moved
-        or best > _CLEAR * own
-        or any(cost[corners.index(w), corners.index(c)] > _FOLLOWS for w, c in moved.items())
-    ):
-        return {}
-    return moved
 
 
 # -- checks of one channel --------------------------------------------------------------------------------------------
@@ -205,12 +168,10 @@ def _angles(run: PreparedRun) -> Iterator[Doubt]:
 
 
 def _rolling(run: PreparedRun) -> Iterator[Doubt]:
-    speed = next((name for name in SPEEDS if name in run.recording.signals.value), "")
+    speed, forwards = _forwards(run)
     keep = _usable(run, speed)
-    if not speed or np.count_nonzero(keep) < _LEAST:
+    if forwards is None or np.count_nonzero(keep) < _LEAST:
         return
-    velocity = run.outline.velocity
-    forwards = run.recording.signals.value[speed][0] if velocity is None else velocity[0]
     over = _mean(forwards, keep)
     rims = {
         name: _mean(run.recording.signals.value[name][0], keep & _usable(run, name))
@@ -236,17 +197,15 @@ def _turning(run: PreparedRun) -> Iterator[Doubt]:
     derived = "imu.attitude" in recording.sources  # from the rates themselves
     if attitude is None or derived or "imu.rate" not in recording.signals.value:
         return
-    step = max(1, round(_STEP * recording.filters.rate))
+    step = _step(run)
     sensor = recording.rig.sensor_of("imu.attitude")
     turned_round = sensor is not None and sensor.axes == "sensor" and any(sensor.orientation)
     keep = _usable(run, "imu.attitude", "imu.rate")
     keep = keep[step:] & keep[:-step]
-    rates = run.outline.omega
-    steps = 0.5 * (rates[:, 1:] + rates[:, :-1]) / recording.filters.rate
-    summed = np.concatenate([np.zeros((3, 1)), np.cumsum(steps, axis=1)], axis=1)
+    by_rate = _turned(run)
     for k, (angle, axis) in enumerate((("roll", "x"), ("pitch", "y"), ("yaw", "z"))):
-        by_rate, turned = summed[k, step:] - summed[k, :-step], attitude[k, step:] - attitude[k, :-step]
-        slope, alike = _slope(by_rate[keep], turned[keep])
+        turned = attitude[k, step:] - attitude[k, :-step]
+        slope, alike = _slope(by_rate[k, keep], turned[keep])
         if alike < -_ALIKE:
             yield Doubt(Symptom.ATTITUDE_SIGN, (angle, axis), in_body_axes=turned_round)
         elif alike > _ALIKE and not _near(slope):
@@ -255,11 +214,11 @@ def _turning(run: PreparedRun) -> Iterator[Doubt]:
 
 
 def _cornering(run: PreparedRun) -> Iterator[Doubt]:
-    force, velocity = _accel(run), run.outline.velocity
-    if force is None or velocity is None or "imu.rate" not in run.recording.signals.value:
+    force, (speed, forwards) = _accel(run), _forwards(run)
+    if force is None or forwards is None or "imu.rate" not in run.recording.signals.value:
         return
-    keep = _usable(run, "imu.accel", "imu.rate", "correvit.speed")
-    slope, alike = _slope((velocity[0] * run.outline.omega[2])[keep], force[1][keep])
+    keep = _usable(run, "imu.accel", "imu.rate", speed)
+    slope, alike = _slope((forwards * run.outline.omega[2])[keep], force[1][keep])
     if alike < -_ALIKE:
         yield Doubt(Symptom.CORNERING_SIGN)
     elif alike > _ALIKE and not _near(slope):
@@ -294,13 +253,13 @@ def _leaning(run: PreparedRun) -> Iterator[Doubt]:
 
 
 def _steering(run: PreparedRun) -> Iterator[Doubt]:
-    velocity, signals = run.outline.velocity, run.recording.signals.value
+    (speed, forwards), signals = _forwards(run), run.recording.signals.value
     front, rear = (_present(run, "camera.{}.steer", corners) for corners in (CORNERS[:2], CORNERS[2:]))
-    if velocity is None or not front or "imu.rate" not in signals:
+    if forwards is None or not front or "imu.rate" not in signals:
         return
     steer = sum(signals[name][0] / len(names) * sign for names, sign in ((front, 1), (rear, -1)) for name in names)
-    keep = (velocity[0] > _ROLLS) & _usable(run, "imu.rate", "correvit.speed", *front, *rear)
-    by_steer = np.asarray(velocity[0] * steer / _wheelbase(run))
+    keep = (forwards > _ROLLS) & _usable(run, "imu.rate", speed, *front, *rear)
+    by_steer = np.asarray(forwards * steer / _wheelbase(run))
     slope, alike = _slope(by_steer[keep], run.outline.omega[2][keep])
     if alike < -_ALIKE:
         yield Doubt(Symptom.STEER_SIGN)
@@ -308,11 +267,49 @@ def _steering(run: PreparedRun) -> Iterator[Doubt]:
         yield Doubt(Symptom.STEER_SIZE, value=slope, guess="degrees")
 
 
+def _tilting(run: PreparedRun) -> Iterator[Doubt]:
+    if "imu.rate" not in run.recording.signals.value:
+        return
+    signs = {
+        Symptom.ROLL_RATE_SIGN: _signs(run, 0, {"front": ("fr", "fl"), "rear": ("rr", "rl")}),
+        Symptom.PITCH_RATE_SIGN: _signs(run, 1, {"left": ("fl", "rl"), "right": ("fr", "rr")}),
+    }
+    against = {symptom: [at for at, sign in of.items() if sign < 0] for symptom, of in signs.items()}
+    agrees = {symptom: any(sign > 0 for sign in of.values()) for symptom, of in signs.items()}
+    if all(against.values()) and not any(agrees.values()):
+        yield Doubt(Symptom.TRAVEL_SIGN)
+        return
+    for symptom, places in against.items():
+        if places:
+            yield Doubt(symptom, tuple(places) if agrees[symptom] else ())
+
+
+def _signs(run: PreparedRun, axis: int, pairs: Mapping[str, tuple[str, str]]) -> dict[str, int]:
+    """Sign by which the body turns with the difference of two travels, by pair; 0 where none shows."""
+    step, turned, out = _step(run), _turned(run), dict[str, int]()
+    for place, (lower, higher) in pairs.items():
+        channels = [name for c in (lower, higher) for name in _travels(run, c)[:1]]
+        keep = _usable(run, "imu.rate", *channels)
+        keep = keep[step:] & keep[:-step]
+        if len(channels) < 2 or np.count_nonzero(keep) < _LEAST:
+            continue
+        turns = turned[:, keep] - np.mean(turned[:, keep], axis=1, keepdims=True)
+        most = float(np.max(np.std(turns[:2], axis=1)))
+        difference = run.outline.corners[lower].travel - run.outline.corners[higher].travel
+        change = (difference[step:] - difference[:-step])[keep]
+        others = np.delete(turns, axis, axis=0).T
+        x, y = (one - others @ np.linalg.lstsq(others, one)[0] for one in (change - np.mean(change), turns[axis]))
+        alike = _slope(x, y)[1] if float(np.std(turns[axis])) > _MINOR * most else 0.0
+        out[place] = (1 if alike > 0.0 else -1) if abs(alike) > max(_OPPOSITE, _SURE * math.sqrt(step / x.size)) else 0
+    return out
+
+
 _CHECKS: tuple[Sequence[_Check], ...] = (
     (_gravity, _weight, _distances, _angles, _rolling),
     (_turning,),
     (_cornering, _pushing, _steering),
     (_leaning,),
+    (_tilting,),
 )
 
 
@@ -321,6 +318,33 @@ _CHECKS: tuple[Sequence[_Check], ...] = (
 
 def _present(run: PreparedRun, pattern: str, corners: Sequence[str]) -> list[str]:
     return [name for c in corners if (name := pattern.format(c)) in run.recording.signals.value]
+
+
+def _travels(run: PreparedRun, corner: str) -> list[str]:
+    """The channels that measure a corner's travel."""
+    return [name for kind in ("laser.{}.hub", "damper.{}.travel") for name in _present(run, kind, (corner,))]
+
+
+def _forwards(run: PreparedRun) -> tuple[str, Array | None]:
+    """The channel of the road speed and its component forwards (N,) [m/s]; None without one."""
+    values, velocity = run.recording.signals.value, run.outline.velocity
+    speed = next((name for name in SPEEDS if name in values), "")
+    if not speed:
+        return "", None
+    return speed, values[speed][0] if velocity is None else velocity[0]
+
+
+def _step(run: PreparedRun) -> int:
+    """Samples over which turns are compared."""
+    return max(1, round(_STEP * run.recording.filters.rate))
+
+
+def _turned(run: PreparedRun) -> Array:
+    """(3, N - step) angles by which the body turns within a step, by its rates [rad]."""
+    rates, step = run.outline.omega, _step(run)
+    steps = 0.5 * (rates[:, 1:] + rates[:, :-1]) / run.recording.filters.rate
+    summed = np.concatenate([np.zeros((3, 1)), np.cumsum(steps, axis=1)], axis=1)
+    return summed[:, step:] - summed[:, :-step]
 
 
 def _usable(run: PreparedRun, *channels: str) -> NDArray[np.bool_]:

@@ -80,12 +80,30 @@ def _compared(doubt: Doubt) -> str:
                 f"the body leans into the turn at the {axle} axle: its hub lasers look exchanged, left and right, or "
                 "imu.accel y has the wrong sign"
             )
+        case Symptom.TRAVEL_SIGN:
+            return (
+                "the suspension travels have the sign opposite to imu.rate x and y: compression is positive, and so "
+                "are the rates with the right side and the nose down"
+            )
+        case Symptom.ROLL_RATE_SIGN | Symptom.PITCH_RATE_SIGN:
+            return _tilting(doubt)
         case Symptom.STEER_SIGN:
             return "camera steer has the sign opposite to imu.rate z: both are positive to the left"
         case Symptom.STEER_SIZE:
             return f"the car turns {doubt.value:.2g} times as fast as its camera steer says: is steer in {doubt.guess}?"
         case _:
             raise AssertionError(doubt.symptom)
+
+
+def _tilting(doubt: Doubt) -> str:
+    """A rate against the travels, everywhere or at some axles or sides."""
+    rolls = doubt.symptom is Symptom.ROLL_RATE_SIGN
+    axis, ends = ("x", "left and right") if rolls else ("y", "front and rear")
+    against = f"imu.rate {axis} has the sign opposite to the suspension travels' difference of {ends}"
+    if not doubt.subject:
+        return f"{against}: the rate or the travels have the wrong sign, or those of {ends} are exchanged"
+    where = " and ".join(f"at the {place} axle" if rolls else f"on the {place}" for place in doubt.subject)
+    return f"{against} {where} alone: the two travels look exchanged, or have the wrong sign"
 
 
 def _unit(doubt: Doubt) -> str:

@@ -25,7 +25,8 @@ from lacet.identify.signals.noise_level import NoiseLevel, as_measured, measured
 from lacet.identify.signals.sources import Kind
 from lacet.identify.validation.channels.recorded_faults import recorded_faults
 from lacet.identify.validation.channels.single_faults import column_faults
-from lacet.identify.validation.plausibility import doubtful_channels, exchanged_wheels
+from lacet.identify.validation.exchanged_wheels import exchanged_wheels
+from lacet.identify.validation.plausibility import doubtful_channels
 from lacet.services.progress import Progress, ServiceStage, ServiceStep
 from lacet.services.render import channels, plausibility, sensor_report
 from lacet.services.render.row_needs import no_rows

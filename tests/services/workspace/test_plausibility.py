@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lacet.daq.channels import CORNERS
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.signals.for_equations import for_equations
 from lacet.identify.validation.plausibility import doubtful_channels
 from lacet.services.render.plausibility import sentence
 from lacet.services.workspace.loading import load
@@ -97,6 +99,77 @@ def test_hub_lasers_exchanged_are_told() -> None:
         assert f"leans into the turn at the {axle} axle: its hub lasers look exchanged" in found[0]
 
 
+def few_instruments(name: str) -> Run:
+    """A run with neither wheel loads nor attitude: travels, rates and specific force of the body are left."""
+    run = piece(name, 0.0, 20.0)
+    for gone in ("wheel.", "imu.attitude", "laser.fl.ground", "laser.fr.ground", "laser.rl.ground", "laser.rr.ground"):
+        run = without(run, gone)
+    return run
+
+
+@pytest.mark.parametrize(("name", "axis", "says"), [
+    ("sine", "x", "imu.rate x has the sign opposite to the suspension travels' difference of left and right"),
+    ("rough", "x", "imu.rate x has the sign opposite to the suspension travels' difference of left and right"),
+    ("rough", "y", "imu.rate y has the sign opposite to the suspension travels' difference of front and rear"),
+    ("liftoff", "y", "imu.rate y has the sign opposite to the suspension travels' difference of front and rear"),
+])  # fmt: skip
+def test_a_rate_of_the_other_sign_is_told_by_the_travels_where_no_wheel_load_tells(
+    name: str, axis: str, says: str
+) -> None:
+    (said,) = implausible(drive_of(changed(few_instruments(name), "imu.rate", axis, -1.0)))
+    assert said.startswith(says)
+    assert said.endswith("exchanged")
+
+
+@pytest.mark.parametrize(("name", "wheels", "says"), [
+    ("sine", "fl fr", "left and right at the front axle alone: the two travels look exchanged, or"),
+    ("sine", "rl rr", "left and right at the rear axle alone: the two travels look exchanged, or"),
+    ("liftoff", "fl rl", "front and rear on the left alone: the two travels look exchanged, or"),
+    ("liftoff", "fr rr", "front and rear on the right alone: the two travels look exchanged, or"),
+])  # fmt: skip
+def test_travels_exchanged_are_told_where_no_wheel_load_tells(name: str, wheels: str, says: str) -> None:
+    a, b = (f"laser.{c}.hub" for c in wheels.split())
+    run = without(few_instruments(name), "imu.accel")  # by which the body would be seen to lean into the turn
+    (said,) = implausible(drive_of(exchanged(run, a, b)))
+    assert says in said
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("kind", ["laser.{}.hub", "suspension.{}.travel", "damper.{}.travel"])
+def test_travels_of_the_other_sign_are_told_as_such(kind: str, sign: float, tmp_path: Path) -> None:
+    """By a laser whose distance falls in bump, or a potentiometer at the wheel or on the damper, whose stroke rises."""
+    run = few_instruments("rough")
+    hubs = {c: run.signals[f"laser.{c}.hub"] for c in CORNERS}
+    way = sign if kind.startswith("laser") else -sign
+    measured = {kind.format(c): replace(hub, values=0.35 + way * (hub.values - 0.35)) for c, hub in hubs.items()}
+    run = replace(run, signals={**without(run, "laser.").signals, **measured})
+    text = (CAR / "vehicle.toml").read_text(encoding="utf-8")
+    ratio = '\n[assumed]\nmotion_ratio = { value = 1, tolerance = 0.01, unit = "-", source = "drawing" }\n'
+    (tmp_path / "vehicle.toml").write_text(text + ratio, encoding="utf-8")
+    car = Vehicle.load(tmp_path / "vehicle.toml")
+    said = implausible(PreparedRun.of(for_equations(run, car, RIG), car, RIG))
+    if sign > 0.0:
+        assert said == []
+    else:
+        assert len(said) == 1
+        assert (
+            "the suspension travels have the sign opposite" in said[0] or "the travels have the wrong sign" in said[0]
+        )
+
+
+@pytest.mark.parametrize("name", ["sine", "rough", "liftoff", "sweep"])
+def test_nothing_is_said_of_sound_runs_with_few_instruments(name: str) -> None:
+    assert implausible(drive_of(few_instruments(name))) == []
+
+
+def test_a_car_that_stands_does_not_say_which_way_it_turns() -> None:
+    """Noise alone, of any length, has no sign."""
+    rng = np.random.default_rng(1)
+    run = changed(few_instruments("rough"), "imu.rate", "xyz", lambda values: 1e-3 * rng.standard_normal(values.shape))
+    still = changed(run, "laser.*.hub", "x", lambda values: 0.3 + 1e-4 * rng.standard_normal(values.shape))
+    assert implausible(drive_of(still)) == []
+
+
 @pytest.mark.parametrize("name", ["sine", "liftoff"])
 def test_an_inertial_unit_turned_by_90_degrees_is_told(name: str) -> None:
     """Without a speed sensor; with one its side acceleration is against the turn, too."""
@@ -119,6 +192,20 @@ def test_wheel_speeds_are_compared_with_whichever_speed_there_is(channel: str) -
     assert f"where {channel} is 25.1: is it in 1/min?" in said
     (said,) = implausible(drive_of(changed(sound, channel, "x", 3.6)))
     assert said.startswith(f"{channel} is 90.3 m/s where the wheels roll at 25.6: is it in km/h?")
+
+
+@pytest.mark.parametrize("channel", ["car.speed", "gnss.speed"])
+def test_a_rate_in_degrees_is_told_by_whichever_speed_there_is(channel: str) -> None:
+    """And so is a steering camera of the other sign."""
+    run = few_instruments("sine")
+    optical = run.signals["correvit.speed"]
+    run = without(run, "correvit")
+    run = replace(run, signals={**run.signals, channel: replace(optical, values=optical.values[:, :1])})
+    assert implausible(drive_of(run)) == []
+    (said,) = implausible(drive_of(changed(run, "imu.rate", "xyz", DEGREES)))
+    assert "imu.rate z times the speed, which should be alike: is the rate in °/s?" in said
+    (said,) = implausible(drive_of(changed(run, "camera.*.steer", "x", -1.0)))
+    assert said.startswith("camera steer has the sign opposite to imu.rate z")
 
 
 @pytest.mark.parametrize("name", ["sine", "rough", "liftoff", "sweep"])

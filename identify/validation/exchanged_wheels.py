@@ -1,0 +1,59 @@
+"""Wheels of a run whose wires seem exchanged: their loads follow other wheels' tyres."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import reduce
+from itertools import permutations
+
+import numpy as np
+
+from lacet.identify.car.rows import TYRE_ROWS
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.signals.filters import decimate
+
+_CLEAR = 0.5
+"""Part of the misfit that another assignment of wheels to corners may leave at most to be reported."""
+_FOLLOWS = 0.25
+"""Part of a wheel load's variance unexplained by its tyre deflection, above which exchanged wheels are not looked for.
+"""
+
+
+def exchanged_wheels(run: PreparedRun) -> Mapping[str, str]:
+    """Wheels whose loads follow the tyre deflection of another corner, as wheel → corner; empty where there are none.
+
+    A tyre's load follows its own deflection closely, whatever the car and the manoeuvre; where the loads of two wheels
+    fit each other's deflections much better than their own, their wires were exchanged.
+    """
+    run = run.overview()
+    outline = run.outline
+    rows = [row for row in TYRE_ROWS if row in run.rows]
+    corners = [row.place for row in rows]
+    if len(rows) < 2:
+        return {}
+    keep = reduce(np.intersect1d, (run.index[row] for row in rows))
+    if keep.size < 30:
+        return {}
+    loads: list[Array] = list(decimate(np.stack([outline.tyres[row] for row in rows]), outline.filters, keep))
+    deflections = decimate(np.stack([outline.corners[c].deflection for c in corners]), outline.filters, keep)
+    cost = np.ones((len(corners), len(corners)))
+    for i, load in enumerate(loads):
+        for j, deflection in enumerate(deflections):
+            centred: Array = np.asarray(deflection - np.mean(deflection), float)
+            if not np.any(centred) or not float(np.var(load)):
+                continue  # a dead sensor has no correlation
+            slope = float(centred @ load / (centred @ centred))
+            misfit = float(np.var(load - slope * centred) / np.var(load))
+            cost[i, j] = misfit if slope > 0 else 1.0
+    each = range(len(corners))
+    places = min(permutations(each), key=lambda places: float(cost[each, places].sum()))
+    own, best = float(np.trace(cost)), float(cost[each, places].sum())
+    moved = {corners[i]: corners[j] for i, j in zip(each, places, strict=True) if i != j}
+    if (
+        not moved
+        or best > _CLEAR * own
+        or any(cost[corners.index(w), corners.index(c)] > _FOLLOWS for w, c in moved.items())
+    ):
+        return {}
+    return moved
