@@ -13,6 +13,9 @@ EXTENDED = 1 << 31
 """Bit of a CAN identifier of 29 bits. In `Frames` it is set only where the number does not show it, up to 0x7FF."""
 STANDARD = 0x7FF
 """The largest CAN identifier of 11 bits."""
+PUT_BACK = 2.0
+"""Step back of a bus's stamps from which it is taken for a clock put back, not for frames out of order [s]. Source: a
+choice; loggers of several buses write what they hold back once a second or more often."""
 
 
 class Frame(NamedTuple):

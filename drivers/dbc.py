@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from lacet.daq.blocks import UNUSABLE, Block, Flag
 from lacet.daq.can_signal import WORD
 from lacet.daq.errors import RigError
-from lacet.daq.frames import Frames, full_idents
+from lacet.daq.frames import PUT_BACK, Frames, full_idents
 from lacet.daq.maps.assembly import Assembly, ChannelPiece
 from lacet.daq.maps.channel_map import ChannelMap, MapError
 from lacet.daq.maps.resolution import Key, in_si, resolved
@@ -31,8 +31,7 @@ from lacet.drivers.framework.options import check_options
 from lacet.drivers.framework.sequence import Recent, repeats
 
 PATIENCE = 2.0
-"""Longest distance of the next sample of a component in another message [s], by which a channel may be late; also the
-step back of the bus's stamps from which it is taken for a clock put back, not for frames out of order."""
+"""Longest distance of the next sample of a component in another message [s], by which a channel may be late."""
 OPTIONS = ("dbc", "signals", "sources", "counter", "checksum", "status")
 _COUNTS = (
     "received", "samples", "lost", "bad_checksum", "incomplete", "bad_status", "repeated", "out_of_order",
@@ -154,7 +153,7 @@ class Dbc(Reader):
         while len(frames):
             front = frames.t_ns[0] if state.front_ns is None else state.front_ns
             latest = np.maximum(np.maximum.accumulate(frames.t_ns), front)
-            back = np.flatnonzero(frames.t_ns < latest - np.int64(PATIENCE * 1e9))
+            back = np.flatnonzero(frames.t_ns < latest - np.int64(PUT_BACK * 1e9))
             end = int(back[0]) if len(back) else len(frames)
             if end:
                 made, state = self._decoded(frames[:end], state, int(latest[end - 1]))

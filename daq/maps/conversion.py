@@ -42,6 +42,8 @@ class Conversion:
     _last: dict[tuple[int, str], float] = field(default_factory=dict)
     _dropped: dict[str, int] = field(default_factory=dict)
     _ending: dict[tuple[int, str], float] = field(default_factory=dict)
+    _sampled: set[tuple[int, str]] = field(default_factory=set)
+    _made: set[str] = field(default_factory=set)
 
     @classmethod
     def of(cls, paths: Sequence[str | Path], map_: ChannelMap) -> Conversion:
@@ -88,6 +90,12 @@ class Conversion:
                 yield from self._fed(made)
                 self._ends(piece)
         yield from self._fed({}, last=True)
+        for one in self.assemblies:
+            if one.channel.name not in self._made:
+                absent = [key.name for key in one.series if self._places[key.name] not in self._sampled]
+                self.notes.append(
+                    f"{one.channel.name} was left out: no sample of {', '.join(absent or ['it'])} is in the log"
+                )
         for name, count in self._dropped.items():
             self.notes.append(f"{name}: {count} samples have a time that does not increase and are left out")
         for source in self.sources:
@@ -101,6 +109,8 @@ class Conversion:
         for assembly in self.assemblies:
             found = assembly.feed(made, last)
             if found is not None:
+                if len(found.t):
+                    self._made.add(found.channel)
                 yield found
 
     def _series(
@@ -134,6 +144,8 @@ class Conversion:
         values = values if kept is None else values[kept]
         flags = flags if kept is None or flags is None else flags[kept]
         values = in_si(values, key.unit)
+        if len(values):
+            self._sampled.add(self._places[key.name])
         if len(t):
             self._ending[(at, time or name)] = float(t[-1]) + key.delay
         return Series(t, values, flags)

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.can_signal import row_width
-from lacet.daq.frames import EXTENDED
+from lacet.daq.frames import EXTENDED, PUT_BACK
+from lacet.daq.sources.candump_lines import CandumpLines
 from lacet.daq.sources.mdf import BUS_CHANNEL
 from lacet.daq.sources.source import fault
 
@@ -84,31 +85,65 @@ def read_frames(path: Path, kind: str, damage: list[str] | None = None) -> Itera
     held: list[Any] = []
     read = 0
     cut, behind, warned = _cut_short(path, kind), "", list[str]()
+    lines = CandumpLines(path) if kind == "candump" else None
+    back = _Back()
     try:
-        with _warnings_in(warned), readers[kind](str(path)) as reader:
+        with _warnings_in(warned), readers[kind](lines or str(path)) as reader:
             for message in reader:
-                read += 1
                 if message.is_error_frame or message.is_remote_frame:
+                    read += 1
                     continue
                 if not (abs(message.timestamp) < _LATEST and 0 <= message.arbitration_id < EXTENDED):
                     raise ValueError(f"identifier {message.arbitration_id:#x} at {message.timestamp} s")
                 if len(held) >= FRAMES:
-                    yield _packed(held, buses)
+                    yield back.seen(_packed(held, buses))
                     held = []
                 held.append(message)
-            if cut and kind != "BLF":
+                read += 1
+            if cut and kind in ("ASC", "TRC"):
                 held = held[:-1]  # of the line that is not whole
     except Exception as cause:  # the readers raise exceptions of many kinds for what is no frame
         behind = f"frame {read + 1} of this {kind} log cannot be read: {str(cause) or type(cause).__name__}"
         if not cut:
             if held:
-                yield _packed(held, buses)
+                yield back.seen(_packed(held, buses))
             raise fault(path, behind) from None
+    final = back.seen(_packed(held, buses)) if held else None
     if damage is not None:
-        found = [cut, behind and f"{path.name}: {behind}; it ends there", _warnings_text(path, warned)]
+        left_out = lines.damage if lines else ""
+        found = [
+            cut, behind and f"{path.name}: {behind}; it ends there", left_out and f"{path.name}: {left_out}",
+            back.text and f"{path.name}: {back.text}", _warnings_text(path, warned),
+        ]  # fmt: skip
         damage += [line for line in found if line and line not in damage]
-    if held:
-        yield _packed(held, buses)
+    if final is not None:
+        yield final
+
+
+class _Back:
+    """Steps back in the stamps of a log by which its clock was put back.
+
+    `text` : the first of them in words; empty without one.
+    """
+
+    def __init__(self) -> None:
+        self.text = ""
+        self._first = self._latest = np.nan
+
+    def seen(self, frames: BusFrames) -> BusFrames:
+        """The frames, whose stamps come next."""
+        if np.isnan(self._first):
+            self._first = self._latest = float(frames.t[0])
+        before = np.maximum.accumulate(np.concatenate(([self._latest], frames.t)))
+        self._latest = float(before[-1])
+        at = np.flatnonzero(frames.t < before[:-1] - PUT_BACK)
+        if at.size and not self.text:
+            begin, by = before[at[0]] - self._first, before[at[0]] - frames.t[at[0]]
+            self.text = (
+                f"its clock is put back by {by:.2f} s after {begin:.2f} s; samples are left out until its stamps are "
+                "later than before"
+            )
+        return frames
 
 
 def _cut_short(path: Path, kind: str) -> str:

@@ -207,7 +207,7 @@ def test_a_log_cut_short_is_told_by_import_and_decode(tmp_path, suffix, capsys):
 def test_what_cannot_be_read_within_a_log_is_told_with_its_place(tmp_path):
     """Of a log that is cut short as well, what stands before it is kept; of one that has its end, it is an error."""
     lines = (CAN / "road-car.candump.log").read_text().splitlines(keepends=True)[:40]
-    lines[30] = "rubbish\n"
+    lines[30] = "(99999999999.0) can0 123#00\n"  # a frame, at no time
     log = tmp_path / "drive.log"
     log.write_text("".join(lines)[:-5])
     damage: list[str] = []

@@ -1,0 +1,56 @@
+"""Lines of a candump log that are frames, for a reader that ends at the first that is none."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+_FRAME = re.compile(
+    r"\s*\(\d+\.\d+\)\s+\S+\s+([0-9A-F]{3}|[0-9A-F]{8})#(R[0-9A-F]?|(#[0-9A-F])?([0-9A-F]{2})*)(\s+[RT])?\s*",
+    re.IGNORECASE,
+)
+"""A line as candump writes it: stamp, interface, identifier, data (of CAN FD behind its flags), direction."""
+_ERROR = 0x20000000
+"""Bit of an identifier that SocketCAN sets in error frames."""
+_SHOWN = 40
+"""Characters of a line that are shown."""
+
+
+class CandumpLines(io.StringIO):
+    """A candump log read line by line, without error frames, lines that are no frames, and a last line that is cut off.
+
+    `unreadable` : lines left out that are no frames; `first` : number and text of the first of them.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._stream = path.open(encoding="utf-8", errors="replace")
+        self.unreadable = 0
+        self.first = ""
+
+    def __iter__(self) -> Iterator[str]:  # type: ignore[override]
+        for number, line in enumerate(self._stream, 1):
+            found = _FRAME.fullmatch(line)
+            if found is None:
+                if line.endswith("\n") and line.strip():
+                    self._leave_out(number, line.strip())
+            elif line.endswith("\n") and not (len(found[1]) == 8 and int(found[1], 16) & _ERROR):
+                yield line
+
+    def _leave_out(self, number: int, line: str) -> None:
+        self.unreadable += 1
+        self.first = self.first or f"line {number}, '{line[:_SHOWN]}{'…' if len(line) > _SHOWN else ''}'"
+
+    def close(self) -> None:
+        self._stream.close()
+        super().close()
+
+    @property
+    def damage(self) -> str:
+        """What was left out, in words; empty for nothing."""
+        if not self.unreadable:
+            return ""
+        are = "1 line is no frame and is" if self.unreadable == 1 else f"{self.unreadable} lines are no frames and are"
+        return f"{are} left out, the first: {self.first}"

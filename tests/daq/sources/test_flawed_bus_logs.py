@@ -1,0 +1,101 @@
+"""Bus logs with lines that are no frames, error frames, a clock put back, or without a message that a map names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lacet.daq.formats.open_run import open_run
+from lacet.daq.maps.channel_map import ChannelMap
+from lacet.daq.run import Run
+from lacet.daq.sources import frames as frame_readers
+from lacet.daq.sources.bus_log import read_bus_log
+
+DBC = """VERSION ""
+BU_: ECU
+BO_ 256 DYN: 8 ECU
+ SG_ Speed : 0|16@1+ (0.01,0) [0|0] "m/s" X
+BO_ 512 STEER: 8 ECU
+ SG_ Angle : 0|16@1- (0.1,0) [0|0] "deg" X
+"""
+COUNT = 400
+SPEEDS = 0.01 * (1000 + np.arange(COUNT))
+MAP = """format = "lacet-map 1"
+[read]
+dbc = ["car.dbc"]
+[channels]
+"car.speed" = "Speed"
+"steering.angle" = "Angle"
+"""
+
+
+def drive() -> list[str]:
+    """Lines of both messages, one after the other, every 10 ms each."""
+    out: list[str] = []
+    for k in range(COUNT):
+        out.append(f"({1.7e9 + 0.01 * k:.6f}) can0 100#{(1000 + k).to_bytes(2, 'little').hex()}000000000000")
+        out.append(f"({1.7e9 + 0.01 * k + 0.003:.6f}) can0 200#{k.to_bytes(2, 'little').hex()}000000000000 R")
+    return out
+
+
+def imported(folder: Path, lines: list[str]) -> Run:
+    (folder / "car.dbc").write_text(DBC, encoding="utf-8")
+    (folder / "drive.log").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return open_run(folder / "drive.log", ChannelMap.parse(MAP, "map", folder))
+
+
+def test_lines_that_are_no_frames_are_left_out_with_number_and_text(tmp_path: Path) -> None:
+    lines = drive()
+    lines.insert(21, "nonsense")
+    lines.insert(41, "(1700000000.2) can0 100#GG")
+    lines.insert(61, "(1700000000.3) can0 100#123")
+    lines.insert(81, "")
+    run = imported(tmp_path, lines)
+    np.testing.assert_allclose(run.signals["car.speed"].values[:, 0], SPEEDS, atol=1e-9)
+    (said,) = [one for one in run.problems if "no frame" in one]
+    assert said == "drive.log: 3 lines are no frames and are left out, the first: line 22, 'nonsense'"
+    damage: list[str] = []
+    frames = read_bus_log(tmp_path / "drive.log", damage)
+    assert len(frames["can0"]) == 2 * COUNT
+    assert said in damage
+
+
+def test_error_frames_are_no_message(tmp_path: Path) -> None:
+    """Of any class: here of a lost arbitration, and of a bus error."""
+    lines = drive()
+    for k, ident in enumerate(("20000002", "20000088", "20000004")):
+        lines.insert(11 + 20 * k, f"({1.7e9 + 0.05:.6f}) can0 {ident}#0000000000000000")
+    run = imported(tmp_path, lines)
+    assert run.problems == ()
+    assert len(run.signals["car.speed"].t) == COUNT
+
+
+@pytest.mark.parametrize("at_a_time", [11, 1 << 17])
+def test_a_clock_put_back_is_told_with_when_and_by_how_much(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_a_time: int
+) -> None:
+    monkeypatch.setattr(frame_readers, "FRAMES", at_a_time)
+    lines = [later(line, -2.5 if k >= 600 else 0.0) for k, line in enumerate(drive())]
+    run = imported(tmp_path, lines)
+    (said,) = [one for one in run.problems if "put back" in one]
+    assert "its clock is put back by 2.49 s after 2.99 s" in said  # from the last stamp to the next
+    damage: list[str] = []
+    read_bus_log(tmp_path / "drive.log", damage)
+    assert said in damage
+    late = [later(line, -0.5 if k % 100 == 0 else 0.0) for k, line in enumerate(drive())]
+    assert not any("put back" in one for one in imported(tmp_path, late).problems)  # frames out of order
+
+
+def later(line: str, seconds: float) -> str:
+    """The line with another stamp."""
+    stamp, _, rest = line.partition(") ")
+    return f"({float(stamp[1:]) + seconds:.6f}) {rest}"
+
+
+def test_a_channel_whose_message_never_came_is_named(tmp_path: Path) -> None:
+    """Its message is in the DBC, so that its name is known."""
+    run = imported(tmp_path, [line for line in drive() if " 200#" not in line])
+    assert list(run.signals) == ["car.speed"]
+    assert run.problems == ("steering.angle was left out: no sample of STEER.Angle is in the log",)
