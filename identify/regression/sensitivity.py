@@ -239,7 +239,8 @@ class Sensitivity:
         if other is None:
             return [smoother.mean(change) for change in changes]
         others = other, derivative(other, self.recording.filters.rate)
-        return [smoother.error(change, one) for change, one in zip(changes, others, strict=True)]
+        errors = [smoother.error(change, one) for change, one in zip(changes, others, strict=True)]
+        return [errors[0], errors[1] - smoother.faster(others[1])]
 
     def zero(self, channel: str, component: int) -> dict[Row, Array]:
         """Change of the residual per unit of a constant added to a channel's component, row → (N,)."""

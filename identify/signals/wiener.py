@@ -138,6 +138,16 @@ class WienerSmoother:
         missed = [(1.0 - gain) * np.sqrt(gain / np.maximum(1.0 - gain, 1e-9)) for gain in gains]
         return self._summed(noise, gains) - self._summed(other, missed)
 
+    def faster(self, other: Array) -> Array:
+        """A draw (…, N) of the rate of motion that the pre-filter stopped, made of a draw of the rate's noise.
+
+        It has that motion's mean square, which alone is known, and the noise's spectrum; turned round in time it is
+        independent of what `error` makes of the same draw.
+        """
+        size = np.sqrt(np.mean(other**2, axis=-1, keepdims=True))
+        drawn = np.divide(other, size, out=np.zeros_like(other), where=size > 0.0)[..., ::-1]
+        return np.asarray(np.sqrt(self.beyond * self.intensity) * drawn, float)
+
     def _summed(self, series: Array, weights: list[Array]) -> Array:
         """Σ over the bands with motion of weight (N,) × the band's part of a series (…, N)."""
         turned = _Turned.of(series, self.rate)

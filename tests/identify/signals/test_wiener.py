@@ -64,6 +64,30 @@ def test_mean_and_sigma_are_those_of_the_true_rate(kind: str) -> None:
     assert np.std(value) == pytest.approx(float(np.sqrt(np.mean(found.sigma[INSIDE] ** 2))), rel=0.25)
 
 
+@pytest.mark.parametrize("beyond", [0.0, 0.005**2, 0.04**2])
+def test_errors_drawn_have_the_size_that_is_said_with_motion_that_the_pre_filter_stopped(beyond: float) -> None:
+    """All along a run of quiet and lively seconds; independent of what is drawn for the motion that it passed."""
+    rate = derivative(motion("lively") + noise(0), FILTERS.rate)
+    found = WienerSmoother.of(rate, SIGMA, FILTERS, beyond)
+    assert found is not None
+    draws = [derivative(noise(seed), FILTERS.rate) for seed in range(1, 13)]
+    slow = np.array([found.error(a, b) for a, b in zip(draws[::2], draws[1::2], strict=True)])
+    fast = np.array([found.faster(b) for b in draws[1::2]])
+    size = np.sqrt(np.mean((slow - fast) ** 2, axis=0)).reshape(-1, 500)[2:-2]
+    claimed = found.rate_sigma.reshape(-1, 500)[2:-2]
+    np.testing.assert_allclose(
+        np.sqrt(np.mean(size**2, axis=1)), np.sqrt(np.mean(claimed**2, axis=1)), rtol=0.35
+    )  # fmt: skip
+    assert np.sqrt(np.mean(size**2)) == pytest.approx(np.sqrt(np.mean(claimed**2)), rel=0.1)
+    assert abs(np.mean(slow * fast)) <= 0.1 * np.std(slow) * np.std(fast)
+
+
+def test_no_noise_has_no_draw_of_faster_motion() -> None:
+    found = WienerSmoother.of(derivative(motion("even"), FILTERS.rate), SIGMA, FILTERS, 0.01)
+    assert found is not None
+    np.testing.assert_array_equal(found.faster(np.zeros(found.intensity.size)), 0.0)
+
+
 def test_quiet_seconds_have_less_doubt_than_lively_ones() -> None:
     """Where nothing moves, noise is known to be noise."""
     travel = motion("lively") * np.where(np.arange(round(SECONDS * FILTERS.rate)) % 2500 < 1000, 1.0, 0.0)
