@@ -13,6 +13,7 @@ from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Piece
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.columns.common_scale import scales_all, without_common_scale
 from lacet.identify.selection.columns.layout import Layout
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor
@@ -104,6 +105,13 @@ def sensor_columns(
     return out
 
 
+def _scaling(layout: Layout) -> list[int]:
+    """Places of the sheet's entries and sensor faults that act in proportion to what is known without wheel loads."""
+    sheet = [place for place, entry in enumerate(layout.sheet, start=layout.model) if scales_all(*entry[:2])]
+    faults = [trial for trial in layout.trials if trial.effect.as_fault is not None]
+    return sheet + [t.place.start for t in faults if any(scales_all(*entry) for entry in t.effect.sheet_entries)]
+
+
 def columns_of(
     fitted: Fit, layout: Layout, piece: Piece, sigma: Mapping[Row, float], noisy: Piece | None = None
 ) -> Iterator[tuple[Row, tuple[Array, NDArray[np.intp]]]]:
@@ -115,6 +123,9 @@ def columns_of(
     tried = [(trial.place, one) for trial in layout.trials if (one := trial.effect.as_physics) is not None]
     run.prepare([*(fitted.model.physics if noisy else ()), *(one for _, one in tried)])
     sensors = sensor_columns(fitted, layout, piece, noisy)
+    if all(row.combined for row in fitted.rows):
+        known = {row: run.measured[row] if noisy else piece.right[row] for row in piece.blocks}
+        sensors = without_common_scale(sensors, _scaling(layout), known, sigma)
     physics = [(place, run.columns(one)) for place, one in tried]
     for row, block in piece.blocks.items():
         model, right = block[:, block.shape[1] - p :], piece.right[row]
