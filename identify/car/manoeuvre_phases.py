@@ -111,13 +111,13 @@ def phases_of(run: Outline) -> Phases:
         forward, lateral = slow(_along_road(run)), slow(run.accel[1])
     else:
         unseen.append("accelerations")
-    steer = [run.corners[c].steer for c in ("fl", "fr") if f"camera.{c}.steer" in run.channels]
+    steer = [run.corners[c].steer for c in ("fl", "fr") if {f"camera.{c}.steer", "steering.angle"} & run.channels]
     if steer:
         steering = np.abs(derivative(slow(np.mean(steer, axis=0)), rate)) > STEERS
     else:
         unseen.append("steer")
         steering = np.abs(derivative(lateral, rate)) > JERKS
-    seen = [run.corners[c].rate for c in CORNERS if f"laser.{c}.hub" in run.channels]
+    seen = [run.corners[c].rate for c in CORNERS if {f"laser.{c}.hub", f"damper.{c}.travel"} & run.channels]
     rough = np.zeros(n, bool)
     if seen and 0.4 * rate > RIDE and n > int(rate / RIDE) + 40:
         fast = np.stack(seen) - zero_phase(np.stack(seen), RIDE, rate, 5)

@@ -244,7 +244,7 @@ def _leaning(run: PreparedRun) -> Iterator[Doubt]:
     if force is None:
         return
     for axle, (left, right) in {"front": CORNERS[:2], "rear": CORNERS[2:]}.items():
-        names = _present(run, "laser.{}.hub", (left, right))
+        names = [name for c in (left, right) for name in _travels(run, c)[:1]]
         keep = _usable(run, "imu.accel", *names)
         if len(names) == 2 and np.any(keep) and float(np.std(force[1][keep])) > _CORNERS:
             lower = run.outline.corners[right].travel - run.outline.corners[left].travel

@@ -31,8 +31,8 @@ def not_measured(lacking: Unmeasured | None) -> str:
 
 
 _PLAIN = {
-    "correvit.speed": "a speed",
-    "imu.attitude": "an attitude, or a speed",
+    "correvit.speed": "the speed forwards and to the left",
+    "imu.attitude": "an attitude, or the speed forwards and to the left",
     "brake.pressure": "the brake pressure",
     "steering.angle": "the steering wheel's angle",
 }

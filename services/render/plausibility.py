@@ -77,7 +77,7 @@ def _compared(doubt: Doubt) -> str:
         case Symptom.LEANING:
             (axle,) = doubt.subject
             return (
-                f"the body leans into the turn at the {axle} axle: its hub lasers look exchanged, left and right, or "
+                f"the body leans into the turn at the {axle} axle: its travels look exchanged, left and right, or "
                 "imu.accel y has the wrong sign"
             )
         case Symptom.TRAVEL_SIGN:

@@ -74,6 +74,17 @@ def test_phases_are_those_that_were_driven(drives: dict[str, PreparedRun]):
     assert not any("rough road" in found[name].present for name in ("sine", "liftoff"))
 
 
+def test_potentiometers_on_dampers_and_a_steering_wheel_show_phases_as_lasers_and_cameras_do(
+    drives: dict[str, PreparedRun],
+):
+    for drive in drives.values():
+        run = drive.outline
+        others = {f"damper.{c}.travel" for c in run.corners} | {"steering.angle"}
+        plain = frozenset(n for n in run.channels if not n.startswith(("laser.", "camera.")))
+        assert np.array_equal(phases_of(replace(run, channels=plain | others)).number, phases_of(run).number)
+        assert {"travel", "steer"} <= set(phases_of(replace(run, channels=plain)).unseen)
+
+
 def test_left_and_right_change_places_in_a_mirror(drives: dict[str, PreparedRun]):
     run = drives["sine"].outline
     turned = run.accel * np.array([[1.0], [-1.0], [1.0]])

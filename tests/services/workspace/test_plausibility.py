@@ -96,7 +96,27 @@ def test_hub_lasers_exchanged_are_told() -> None:
         a, b = (f"laser.{c}.hub" for c in pair.split())
         found = implausible(drive_of(exchanged(piece("sine", 0.0, 20.0), a, b)))
         assert len(found) == 1
-        assert f"leans into the turn at the {axle} axle: its hub lasers look exchanged" in found[0]
+        assert f"leans into the turn at the {axle} axle: its travels look exchanged" in found[0]
+
+
+def test_a_side_acceleration_of_the_other_sign_is_told_by_potentiometers_on_the_dampers(tmp_path: Path) -> None:
+    """Where neither wheel loads nor a speed tell it; by a laser's distance, which falls in bump, as by a stroke."""
+    run = without(few_instruments("sine"), "correvit", "camera")
+    hubs = {c: run.signals[f"laser.{c}.hub"] for c in CORNERS}
+    strokes = {f"damper.{c}.travel": replace(hub, values=0.35 - hub.values) for c, hub in hubs.items()}
+    run = replace(run, signals={**without(run, "laser.").signals, **strokes})
+    car = with_motion_ratio(tmp_path)
+    for sign in (1.0, -1.0):
+        said = implausible(PreparedRun.of(for_equations(changed(run, "imu.accel", "y", sign), car, RIG), car, RIG))
+        assert [("leans into the turn" in line) for line in said] == ([] if sign > 0.0 else [True, True])
+
+
+def with_motion_ratio(folder: Path) -> Vehicle:
+    """The car with dampers that move as the wheels do."""
+    text = (CAR / "vehicle.toml").read_text(encoding="utf-8")
+    ratio = '\n[assumed]\nmotion_ratio = { value = 1, tolerance = 0.01, unit = "-", source = "drawing" }\n'
+    (folder / "vehicle.toml").write_text(text + ratio, encoding="utf-8")
+    return Vehicle.load(folder / "vehicle.toml")
 
 
 def few_instruments(name: str) -> Run:
@@ -143,10 +163,7 @@ def test_travels_of_the_other_sign_are_told_as_such(kind: str, sign: float, tmp_
     way = sign if kind.startswith("laser") else -sign
     measured = {kind.format(c): replace(hub, values=0.35 + way * (hub.values - 0.35)) for c, hub in hubs.items()}
     run = replace(run, signals={**without(run, "laser.").signals, **measured})
-    text = (CAR / "vehicle.toml").read_text(encoding="utf-8")
-    ratio = '\n[assumed]\nmotion_ratio = { value = 1, tolerance = 0.01, unit = "-", source = "drawing" }\n'
-    (tmp_path / "vehicle.toml").write_text(text + ratio, encoding="utf-8")
-    car = Vehicle.load(tmp_path / "vehicle.toml")
+    car = with_motion_ratio(tmp_path)
     said = implausible(PreparedRun.of(for_equations(run, car, RIG), car, RIG))
     if sign > 0.0:
         assert said == []
