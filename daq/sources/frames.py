@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lacet.daq.can_signal import row_width
 from lacet.daq.frames import EXTENDED, PUT_BACK
-from lacet.daq.sources.candump_lines import CandumpLines
+from lacet.daq.sources.bus_log_lines import AscLines, CandumpLines
 from lacet.daq.sources.mdf import BUS_CHANNEL
 from lacet.daq.sources.source import fault
 
@@ -88,7 +88,8 @@ def read_frames(path: Path, kind: str, damage: list[str] | None = None) -> Itera
     lines = CandumpLines(path) if kind == "candump" else None
     back = _Back()
     try:
-        with _warnings_in(warned), readers[kind](lines or str(path)) as reader:
+        opened = lines or (AscLines(path) if kind == "ASC" else str(path))
+        with _warnings_in(warned), readers[kind](opened) as reader:
             for message in reader:
                 if message.is_error_frame or message.is_remote_frame:
                     read += 1

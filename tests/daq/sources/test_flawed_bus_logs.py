@@ -1,4 +1,4 @@
-"""Bus logs with lines that are no frames, error frames, a clock put back, or without a message that a map names."""
+"""Bus logs with lines that are no frames, error frames, stamps of other kinds, or without a message of the map."""
 
 from __future__ import annotations
 
@@ -99,3 +99,23 @@ def test_a_channel_whose_message_never_came_is_named(tmp_path: Path) -> None:
     run = imported(tmp_path, [line for line in drive() if " 200#" not in line])
     assert list(run.signals) == ["car.speed"]
     assert run.problems == ("steering.angle was left out: no sample of STEER.Angle is in the log",)
+
+
+@pytest.mark.parametrize("base", ["hex", "dec"])
+def test_stamps_of_an_asc_log_may_be_from_the_line_before(base: str, tmp_path: Path) -> None:
+    """As its header says; lines of other events count, too."""
+    ids = {"hex": ("100", "200"), "dec": ("256", "512")}[base]
+    lines = ["date Sat Jul 25 05:20:00.000 pm 2026", f"base {base}  timestamps relative", "internal events logged",
+             "   0.000000 Start of measurement"]  # fmt: skip
+    for k in range(COUNT):
+        payload = " ".join(f"{byte:02X}" if base == "hex" else str(byte) for byte in (1000 + k).to_bytes(2, "little"))
+        lines.append(f"   {0.007 if k else 0.5:.6f} 1  {ids[0]}             Rx   d 2 {payload}")
+        lines.append(f"   0.001000 1  Statistic: D {k} R 0 XD 0 XR 0 E 0 O 0 B 0.00%")
+        lines.append(f"   0.002000 1  {ids[1]}             Rx   d 2 00 00")
+    (tmp_path / "car.dbc").write_text(DBC, encoding="utf-8")
+    (tmp_path / "drive.asc").write_text("\n".join(lines) + "\nEnd TriggerBlock\n", encoding="utf-8")
+    run = open_run(tmp_path / "drive.asc", ChannelMap.parse(MAP, "map", tmp_path))
+    speed = run.signals["car.speed"]
+    np.testing.assert_allclose(np.diff(speed.t), 0.010, atol=1e-7)
+    np.testing.assert_allclose(speed.values[:, 0], SPEEDS, atol=1e-9)
+    assert run.problems == ()

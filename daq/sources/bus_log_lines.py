@@ -1,4 +1,7 @@
-"""Lines of a candump log that are frames, for a reader that ends at the first that is none."""
+"""Lines of text logs of a bus as python-can's readers need them.
+
+Its reader of candump logs ends at the first line that is no frame; that of ASC logs takes every stamp from the start.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,8 @@ _FRAME = re.compile(
     re.IGNORECASE,
 )
 """A line as candump writes it: stamp, interface, identifier, data (of CAN FD behind its flags), direction."""
+_STAMPED = re.compile(r"(\s*)(\d+\.\d+)(\s.*)", re.DOTALL)
+"""A line of an ASC log that has a stamp: frames, and events of other kinds."""
 _ERROR = 0x20000000
 """Bit of an identifier that SocketCAN sets in error frames."""
 _SHOWN = 40
@@ -54,3 +59,27 @@ class CandumpLines(io.StringIO):
             return ""
         are = "1 line is no frame and is" if self.unreadable == 1 else f"{self.unreadable} lines are no frames and are"
         return f"{are} left out, the first: {self.first}"
+
+
+class AscLines(io.StringIO):
+    """An ASC log line by line, with stamps from its start [s] where its header says that each is from the line before."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._stream = path.open(encoding="utf-8", errors="replace")
+        self._relative = False
+        self._time = 0.0
+
+    def __iter__(self) -> Iterator[str]:  # type: ignore[override]
+        for line in self._stream:
+            if line.lstrip()[:5].lower() == "base ":
+                self._relative = "timestamps relative" in " ".join(line.lower().split())
+            elif self._relative and (found := _STAMPED.fullmatch(line)):
+                self._time += float(found[2])
+                yield f"{found[1]}{self._time:.9f}{found[3]}"
+                continue
+            yield line
+
+    def close(self) -> None:
+        self._stream.close()
+        super().close()
