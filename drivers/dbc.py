@@ -268,12 +268,13 @@ def _checked(
     lost, new = 0, None
     if used.checks.counter is not None:
         count = used.checks.counter.raw(payload).astype(np.int64)
-        again, recent = repeats(payload, count, flags == 0, used.checks.counter.length, recent)
+        trusted = (flags == 0) & (lengths > max(used.checks.counter.bits) // 8)  # a frame may end before its counter
+        again, recent = repeats(payload, count, trusted, used.checks.counter.length, recent)
         if again.any():
             new = ~again
-            count, flags, lengths = count[new], flags[new], lengths[new]
+            count, flags, lengths, trusted = count[new], flags[new], lengths[new], trusted[new]
             ledger = add(ledger, repeated=np.count_nonzero(again))
-        jumps, counter = follow_counter(count, flags == 0, used.checks.counter.length, counter)
+        jumps, counter = follow_counter(count, trusted, used.checks.counter.length, counter)
         flags[jumps.gap] |= np.uint8(Flag.GAP)
         lost = int(jumps.lost.sum())
     short = 0 if multiplexed else np.count_nonzero(lengths < needed)

@@ -62,7 +62,7 @@ class CandumpLines(io.StringIO):
 
 
 class AscLines(io.StringIO):
-    """An ASC log line by line, with stamps from its start [s] where its header says that each is from the line before."""
+    """An ASC log line by line, with stamps from its start [s] also where its header says that each is from the last."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()

@@ -177,6 +177,21 @@ def test_a_counter_that_the_rig_names_marks_what_was_lost():
     assert flags[20] == Flag.GAP
 
 
+def test_frames_that_end_before_their_counter_are_incomplete_and_hide_no_loss():
+    """Each accounts for one step of the counter; what a longer one could not be is found beside them."""
+    sent = [(10 * i, 256, esp(i, alive=i % 16)) for i in range(60) if i != 40]
+    sent = [(t, ident, data[:4] if 10 <= k < 22 else data[:2] if k == 30 else data)
+            for k, (t, ident, data) in enumerate(sent)]  # fmt: skip
+    one = driver({"car.lateral_accel": "Lat", "car.yaw_rate": "Yaw"}, counter=["Esp.Alive"])
+    got, counts = decode_all(one, frames(*sent))
+    assert (counts["lost"], counts["incomplete"]) == (1, 1)
+    assert got["car.lateral_accel"].flags.tolist() == [0] * 40 + [int(Flag.GAP)] + [0] * 18
+    assert np.flatnonzero(got["car.yaw_rate"].flags & int(Flag.INCOMPLETE)).tolist() == [30]
+    split, split_counts = decode_split(one, frames(*sent), range(1, len(sent)))
+    same_blocks(got, split)
+    assert counts == split_counts
+
+
 @pytest.mark.parametrize("back", [1, 3])
 def test_a_frame_that_comes_again_is_used_once(back):
     sent = [(10 * n, 256, esp(n, alive=n % 16)) for n in range(40)]
