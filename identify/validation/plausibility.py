@@ -298,7 +298,8 @@ def _signs(run: PreparedRun, axis: int, pairs: Mapping[str, tuple[str, str]]) ->
         difference = run.outline.corners[lower].travel - run.outline.corners[higher].travel
         change = (difference[step:] - difference[:-step])[keep]
         others = np.delete(turns, axis, axis=0).T
-        x, y = (one - others @ np.linalg.lstsq(others, one)[0] for one in (change - np.mean(change), turns[axis]))
+        pair = np.stack([change - np.mean(change), turns[axis]], axis=1)
+        x, y = np.asarray(pair - others @ np.linalg.lstsq(others, pair)[0], float).T
         alike = _slope(x, y)[1] if float(np.std(turns[axis])) > _MINOR * most else 0.0
         out[place] = (1 if alike > 0.0 else -1) if abs(alike) > max(_OPPOSITE, _SURE * math.sqrt(step / x.size)) else 0
     return out
