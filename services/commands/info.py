@@ -132,7 +132,6 @@ def _file(path: Path, map: Path | None = None) -> tuple[int, dict[str, Any]]:
     if path.suffix == ".mcap" and map is None:
         status, result = _log(path)
         if not result["decoded"]:
-            print("Only raw frames: lacet decode makes the channels of it.")
             return status, result
     run_ = open_run(path, map)
     print(
@@ -178,6 +177,9 @@ def _log(path: Path) -> tuple[int, dict[str, Any]]:
         print(f"! {line}")
     damaged = stop is None or bool(log.damage)
     decoded = bool(log.channels())
+    if not decoded:
+        raw = "Only raw frames: lacet decode makes the channels of it."
+        print(raw if log.sources() else "Neither raw frames nor channels: nothing was recorded in it.")
     return (WITH_LOSSES if damaged else DONE), {"log": str(path), "decoded": decoded, "damage": list(log.damage)}
 
 

@@ -273,6 +273,18 @@ def test_a_mended_dbc_and_rig_are_used(capture: Path, tmp_path: Path):
     assert LogReader(by_rig).start.rig_text == rig
 
 
+def test_info_says_what_a_log_without_channels_holds(
+    capture: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Raw frames, which are to be decoded, or nothing at all, as after a disk that was full from the start."""
+    empty = tmp_path / "empty.mcap"
+    LogWriter(empty, StartRecord("r", T0, rig_text=RIG)).close()
+    for path, says in ((capture, "Only raw frames: lacet decode makes"), (empty, "nothing was recorded in it.")):
+        capsys.readouterr()
+        main(["info", str(path)])
+        assert says in capsys.readouterr().out
+
+
 def test_what_cannot_be_decoded_is_refused(capture: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     out = str(tmp_path / "run.mcap")
     odd = tmp_path / "igle.dbc"

@@ -83,7 +83,8 @@ export function show(root, app) {
     place.replaceChildren(...(found.derived.length
       ? [h("div", { class: "car-sides" }, ["fl", "rl"].map((c) => corner(c, at, value))), h("div", { class: "car-numbers-box" }, drawing(at, kept.sheet), atCorners(app, found.derived)),
         h("div", { class: "car-sides" }, ["fr", "rr"].map((c) => corner(c, at, value)))]
-      : [h("p", { class: "notice", text: "These runs give no derived values: the model has no body of its own." })]));
+      : [h("p", { class: "notice", text: "No values of wheels, axles and body are derived from these runs: that takes measured wheel loads. The parameters are below." })]));
+    axles.hidden = whole.hidden = !found.derived.length;
     const [ofAxles, ofCar] = axleTables(app, found.derived, value);
     axles.replaceChildren(h("h2", { text: "Axles" }), ofAxles);
     whole.replaceChildren(h("h2", { text: "Body" }), ofCar);
