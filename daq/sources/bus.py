@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.daq.frames import EXTENDED
+from lacet.daq.frames import EXTENDED, STANDARD
 from lacet.daq.sources.dbc_messages import BusMessage, read_dbcs
 from lacet.daq.sources.frames import BusFrames
 from lacet.daq.sources.source import Listed, Piece, Series, Source, fault
@@ -61,8 +61,9 @@ class BusSource(Source):
         others = np.unique(first.ident[~known])
         some = ""
         if others.size:
-            some = ", ".join(f"{i & ~np.uint32(EXTENDED):#05x}" for i in others[:8])
-            self.notes.append(f"{others.size} identifiers are not in the DBC: {some}{' …' if others.size > 8 else ''}")
+            some = _written(others)
+            count = "1 identifier is" if others.size == 1 else f"{others.size} identifiers are"
+            self.notes.append(f"{count} not in the DBC: {some}")
         if not known.any():
             names = ", ".join(str(file.name) for file in dbc)
             raise fault(path, f"none of its first {len(known):,} frames is in {names}: it has {some}")
@@ -123,5 +124,14 @@ def _some_ids(frames: Callable[[], Iterator[BusFrames]]) -> str:
     first = next(iter(frames()), None)
     if first is None:
         return "none at all"
-    idents = np.unique(first.ident) & ~np.uint32(EXTENDED)
-    return "identifiers " + ", ".join(f"{i:#05x}" for i in idents[:8]) + (" …" if idents.size > 8 else "")
+    return f"identifiers {_written(np.unique(first.ident))}"
+
+
+def _written(idents: NDArray[np.uint32]) -> str:
+    """Identifiers as hexadecimal numbers, the first of them; of 29 bits said where the number does not show it."""
+    some = [
+        f"{number:#05x}" + (" (29 bits)" if ident & EXTENDED and number <= STANDARD else "")
+        for ident in idents[:8].tolist()
+        for number in (ident & ~EXTENDED,)
+    ]
+    return ", ".join(some) + (" …" if idents.size > 8 else "")

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lacet.daq.errors import RunError
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.maps.channel_map import ChannelMap
 from lacet.daq.run import Run
@@ -119,3 +120,14 @@ def test_stamps_of_an_asc_log_may_be_from_the_line_before(base: str, tmp_path: P
     np.testing.assert_allclose(np.diff(speed.t), 0.010, atol=1e-7)
     np.testing.assert_allclose(speed.values[:, 0], SPEEDS, atol=1e-9)
     assert run.problems == ()
+
+
+def test_identifiers_that_the_dbc_lacks_are_named_with_their_length_where_the_number_does_not_show_it(
+    tmp_path: Path,
+) -> None:
+    lines = [line.replace(" 100#", " 00000100#") for line in drive()]
+    run = imported(tmp_path, lines)
+    assert "1 identifier is not in the DBC: 0x100 (29 bits)" in run.problems
+    lines = [line.replace(" 200#", " 18FEF200#") for line in lines]
+    with pytest.raises(RunError, match=r"it has 0x100 \(29 bits\), 0x18fef200$"):
+        imported(tmp_path, lines)
