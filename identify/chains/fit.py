@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -12,12 +11,12 @@ from numpy.typing import NDArray
 
 from lacet.daq.errors import NotIdentifiable, nearest
 from lacet.daq.expressions.expression import Expression
+from lacet.identify.chains.cutoffs import enough_seconds
 from lacet.identify.chains.model import ChainModel
 from lacet.identify.chains.samples import JointSamples
+from lacet.identify.chains.weights import ALONE, second_weights, serial_quantile, solved_together, student
 from lacet.identify.multibody.base_parameters import BaseParameters, find_base
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.huber import SECOND, THRESHOLD
-from lacet.identify.regression.qr_accumulation import Equations, RunEquations, scaled_triangle
 from lacet.identify.regression.uncertainty import at_least, clustered_scores, hac
 from lacet.identify.selection.settings import SELECTION
 
@@ -29,8 +28,6 @@ _STILL = 0.01
 """Change of every parameter ÷ its σ at which these end [ratio]."""
 _ROBUST_ROUNDS = 10
 """Repetitions of a fit with robust weights."""
-_LEAST = 1e-12
-"""σ of a joint's residual ÷ that of its torque that exact data are given [ratio]: numerical."""
 _ROUNDED = 5e-6
 """Largest difference of a factor that is asked for from the grouping's, ÷ the latter [ratio]. Source: groupings are
 printed with six digits."""
@@ -69,7 +66,11 @@ class ChainFit:
     unseen : names of base parameters that the motion does not determine.
     x : (b,) base parameters.
     covariance, independent : (b, b) for correlated residuals, and as if they were independent.
-    sigma : (f,) RMS of the residual of each joint [N·m, N].
+    sigma : (f,) σ of each joint's equations [N·m, N]: the root of its sum of squares ÷ `freedom`.
+    freedom : (f,) degrees of freedom of each joint's residual: equations less the parameters' part in them.
+    shares : (f, b, b) what each joint's noise has in `independent`.
+    serial : (b, b) covariance for correlated residuals alone; in `covariance` no σ is below that of `independent`.
+    seconds, cutoff : length of the record [s], cut-off of the equations [Hz].
     W, y : (m, f, b), (m, f) equations after filter and decimation; `used` (m, f) those that count; `weights` (m, f).
     t : (m,) times since the first sample [s].
     """
@@ -81,6 +82,11 @@ class ChainFit:
     covariance: Array
     independent: Array
     sigma: Array
+    freedom: Array
+    shares: Array = field(repr=False)
+    serial: Array = field(repr=False)
+    seconds: float
+    cutoff: float
     W: Array = field(repr=False)
     y: Array = field(repr=False)
     used: NDArray[np.bool_] = field(repr=False)
@@ -102,18 +108,19 @@ class ChainFit:
     @cached_property
     def estimates(self) -> tuple[ChainEstimate, ...]:
         """All base parameters that the motion determines."""
-        out: list[ChainEstimate] = []
-        sigmas, least = np.sqrt(np.diag(self.covariance)), np.sqrt(np.diag(self.independent))
-        for i, k in enumerate(self.base.independent):
-            name = self.base.names[int(k)]
-            if name not in self.unseen:
-                half = SELECTION.interval_quantile * float(sigmas[i])
-                out.append(
-                    ChainEstimate(
-                        name, self.base.describe(i, 0.0), float(self.x[i]), float(sigmas[i]), half, float(least[i])
-                    )
-                )
-        return tuple(out)
+        names = [self.base.names[int(k)] for k in self.base.independent]
+        unit = np.eye(len(names))
+        return tuple(
+            self._estimate(name, self.base.describe(i, 0.0), unit[i])
+            for i, name in enumerate(names) if name not in self.unseen
+        )  # fmt: skip
+
+    def _estimate(self, name: str, group: str, g: Array) -> ChainEstimate:
+        """The sum g·x (b,): the wider of the intervals for independent residuals (Student) and for correlated ones."""
+        least, serial = (float(np.sqrt(max(0.0, g @ C @ g))) for C in (self.independent, self.serial))
+        half = max(student(np.einsum("i,kij,j->k", g, self.shares, g), self.freedom) * least,
+                   serial_quantile(len(self.t)) * serial)  # fmt: skip
+        return ChainEstimate(name, group, float(g @ self.x), max(least, serial), half, least)
 
     @property
     def wrong_signs(self) -> tuple[ChainEstimate, ...]:
@@ -125,11 +132,12 @@ class ChainFit:
         grouping, never = self.base.grouping(), self.model.never_negative
         held = [all(f >= 0.0 and (f == 0.0 or name in never) for f, name in zip(row, self.base.names, strict=True))
                 for row in grouping]  # fmt: skip
-        quantile = float(scipy.stats.norm.isf(SELECTION.significance / max(1, sum(held))))
+        # In halves of 95 % intervals, which are as much wider as few equations make them.
+        quantile = float(scipy.stats.norm.isf(SELECTION.significance / max(1, sum(held)))) / SELECTION.interval_quantile
         names = [self.base.names[int(k)] for k in self.base.independent]
         return tuple(
             one for one in self.estimates
-            if held[i := names.index(one.name)] and one.value < -quantile * one.sigma and self._matters(i)
+            if held[i := names.index(one.name)] and one.value < -quantile * one.half and self._matters(i)
         )  # fmt: skip
 
     def _matters(self, i: int) -> bool:
@@ -177,8 +185,7 @@ class ChainFit:
         names = [self.base.names[int(k)] for k in self.base.independent]
         if unseen := [name for name, part in zip(names, g, strict=True) if part and name in self.unseen]:
             raise NotIdentifiable(f"this motion does not determine {', '.join(unseen)}, which is part of '{text}'")
-        sigma, least = (float(np.sqrt(g @ C @ g)) for C in (self.covariance, self.independent))
-        return ChainEstimate(text, text, float(g @ self.x), sigma, SELECTION.interval_quantile * sigma, least)
+        return self._estimate(text, text, g)
 
 
 def fit_chain(model: ChainModel, samples: JointSamples, slowest: Array, robust: bool = False) -> ChainFit:
@@ -195,6 +202,7 @@ def fit_chain(model: ChainModel, samples: JointSamples, slowest: Array, robust: 
     keep = model.base.independent
     kept = samples.kept
     used = np.abs(samples.qd[kept]) >= slowest
+    record = len(samples.q) / samples.filters.rate, samples.filters.fit_cutoff
     standard: Array | None = None
     rounds = _ROUNDS if model.iterates else 1
     while True:
@@ -203,7 +211,7 @@ def fit_chain(model: ChainModel, samples: JointSamples, slowest: Array, robust: 
             # Encoder offsets that are known already are in the positions: the equations give what is added to them.
             places = model.offset_places
             y = y + W[:, :, places] @ standard[places]
-        found = _solved(model, W[:, :, keep], y, used, kept / samples.filters.rate, robust)
+        found = _solved(model, W[:, :, keep], y, used, kept / samples.filters.rate, robust, record)
         before, standard, rounds = standard, found.standard, rounds - 1
         step = np.inf if before is None else np.abs(standard - before)[keep]
         if rounds <= 0 or np.all(step <= _STILL * np.sqrt(np.diag(found.independent))):
@@ -212,72 +220,64 @@ def fit_chain(model: ChainModel, samples: JointSamples, slowest: Array, robust: 
 
 def refitted(fitted: ChainFit) -> ChainFit:
     """The fit again to those of its equations that are `used`. Raises NotIdentifiable as `fit_chain`."""
-    return _solved(fitted.model, fitted.W, fitted.y, fitted.used, fitted.t, robust=False)
+    record = fitted.seconds, fitted.cutoff
+    return _solved(fitted.model, fitted.W, fitted.y, fitted.used, fitted.t, robust=False, record=record)
 
 
-def _solved(model: ChainModel, W: Array, y: Array, used: NDArray[np.bool_], t: Array, robust: bool) -> ChainFit:
+def _solved(
+    model: ChainModel, W: Array, y: Array, used: NDArray[np.bool_], t: Array, robust: bool, record: tuple[float, float]
+) -> ChainFit:
     base = model.base
     if not np.all(np.any(used, axis=0)):
         joint = model.chain.names[model.chain.coupling.free[int(np.argmin(np.any(used, axis=0)))] - 1]
         raise NotIdentifiable(f"{joint} never moves faster than the limit: it has no equation")
     names = [base.names[int(k)] for k in base.independent]
-    joints = tuple(range(y.shape[1]))
-    start = {k: float(np.std(y[used[:, k], k])) or 1.0 for k in joints}
-    weighted = [W[used[:, k], k] / start[k] for k in joints]
+    joints = range(y.shape[1])
+    weighted = [W[used[:, k], k] / (float(np.std(y[used[:, k], k])) or 1.0) for k in joints]
     seen = find_base(np.concatenate(weighted), names, _UNSEEN).independent
     if np.count_nonzero(used) <= len(seen):
-        raise NotIdentifiable(f"{np.count_nonzero(used)} equations are too few for {len(seen)} parameters")
+        raise NotIdentifiable(too_few(used, len(seen), *record))
     W_seen = W[:, :, seen]
     weights = np.ones_like(y)
-    x, sigma, equations = _weighted(W_seen, y, used, weights, start)
+    found = solved_together(W_seen, y, used, weights)
     for _ in range(_ROBUST_ROUNDS if robust else 0):
-        before, weights = weights, _weights(y - W_seen @ x, used, t)
-        x, sigma, equations = _weighted(W_seen, y, used, weights, start)
+        before, weights = weights, second_weights(y - W_seen @ found.x, used, t)
+        found = solved_together(W_seen, y, used, weights)
         if np.max(np.abs(weights - before)) < 1e-3:
             break
-    R, lengths = scaled_triangle(equations.root(sigma)[:, : len(seen)])
-    inverse = np.asarray(scipy.linalg.solve_triangular(R[: len(seen)], np.eye(len(seen))), float) / lengths[:, None]
-    bread = inverse @ inverse.T
-    count = np.count_nonzero(used)
-    residual = np.where(used, y - W_seen @ x, 0.0)
-    rows = {k: (W_seen[:, k] * (weights[:, k] ** 2)[:, None], residual[:, k], sigma[k]) for k in joints}
+    if np.any(found.freedom < ALONE):
+        k = int(np.argmin(found.freedom))
+        joint = model.chain.names[model.chain.coupling.free[k] - 1]
+        raise NotIdentifiable(
+            f"{too_few(used, len(seen), *record)}. The fit goes through all {np.count_nonzero(used[:, k])} equations "
+            f"of {joint}, so that they do not show its noise"
+        )
+    residual = np.where(used, y - W_seen @ found.x, 0.0)
+    counts = np.count_nonzero(used, axis=0)
+    # What the fit takes away from each joint's residual is given back: its squares ÷ n − tr H.
+    whole = residual * np.sqrt(counts / found.freedom)
+    rows = {k: (W_seen[:, k] * (weights[:, k] ** 2)[:, None], whole[:, k], float(found.sigma[k])) for k in joints}
     scores = clustered_scores(rows, dict.fromkeys(joints, np.arange(len(t))), len(t))
-    freedom = count / (count - len(seen))
-    every, covariances = np.zeros(len(names)), np.zeros((2, len(names), len(names)))
-    every[seen] = x
-    covariances[0][np.ix_(seen, seen)] = at_least(bread @ hac(scores) @ bread * freedom, bread * freedom)
-    covariances[1][np.ix_(seen, seen)] = bread * freedom
+    bread = found.covariance
+    serial = bread @ hac(scores) @ bread
+    every = np.zeros(len(names))
+    every[seen] = found.x
     unseen = tuple(name for i, name in enumerate(names) if i not in set(seen.tolist()))
-    rms = np.array([sigma[k] for k in joints])
-    return ChainFit(model, base, unseen, every, covariances[0], covariances[1], rms, W, y, used, weights, t)
+
+    def placed(C: Array) -> Array:
+        out = np.zeros((*C.shape[:-2], len(names), len(names)))
+        out[(..., *np.ix_(seen, seen))] = C
+        return out
+
+    return ChainFit(
+        model, base, unseen, every, placed(at_least(serial, bread)), placed(bread), found.sigma, found.freedom,
+        placed(found.shares), placed(serial), *record, W, y, used, weights, t,
+    )  # fmt: skip
 
 
-def _weighted(
-    W: Array, y: Array, used: NDArray[np.bool_], weights: Array, start: Mapping[int, float]
-) -> tuple[Array, dict[int, float], Equations]:
-    """Solution, σ of each joint's residual and equations, for weights of the samples (their roots)."""
-    equations = Equations([_run(W, y, used, weights)], np.zeros((0, W.shape[2])), tuple(start))
-    return *equations.iterate(start, {k: _LEAST * sigma for k, sigma in start.items()}), equations
-
-
-def _run(W: Array, y: Array, used: NDArray[np.bool_], weights: Array) -> RunEquations:
-    """The equations of all joints as R factors."""
-    run = RunEquations((), np.zeros(0))
-    for k in range(y.shape[1]):
-        here = used[:, k]
-        run.add(k, W[here, k], y[here, k], weights[here, k])
-    return run
-
-
-def _weights(residual: Array, used: NDArray[np.bool_], t: Array) -> Array:
-    """(m, f) roots of the samples' weights: a second whose RMS is large beside the joint's median counts less."""
-    out = np.ones_like(residual)
-    second = (t // SECOND).astype(int)
-    for k in range(residual.shape[1]):
-        here = used[:, k]
-        counts = np.bincount(second[here], minlength=second[-1] + 1)
-        squares = np.bincount(second[here], residual[here, k] ** 2, second[-1] + 1)
-        rms = np.sqrt(squares / np.maximum(counts, 1))
-        usual = float(np.median(rms[counts > 0]))
-        out[:, k] = np.sqrt(np.minimum(1.0, THRESHOLD * usual / np.maximum(rms, 1e-300)))[second]
-    return out
+def too_few(used: NDArray[np.bool_], values: int, seconds: float, cutoff: float) -> str:
+    """What a reader can do about equations that are few beside the values sought."""
+    return (
+        f"a record of {seconds:.3g} s has {np.count_nonzero(used)} equations up to {cutoff:.3g} Hz for {values} "
+        f"values: record {enough_seconds(values, cutoff):.0f} s or more, or fit to a higher cut-off (cutoff=…)"
+    )

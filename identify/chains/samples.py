@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lacet.daq.errors import UsageError
+from lacet.identify.chains.cutoffs import EDGE, ORDER, PRE, default_cutoff
 from lacet.identify.chains.effects import ExternalForce
 from lacet.identify.multibody.chain import Chain
 from lacet.identify.multibody.vectors import Array, cross
@@ -17,13 +18,6 @@ from lacet.identify.signals.filters import Filters, bring_to_grid, derivative, t
 
 _OVERSAMPLING = 10.0
 """Working rate ÷ cut-off of the pre-filter: differences of eighth order are then exact to 1 in 10⁶ up to it."""
-_PRE = 5.0
-"""Cut-off of the pre-filter ÷ that of the fit, as in published identifications of robots (Gautier: 5 to 10)."""
-_EDGE = 4.5
-"""Length left out at both ends × cut-off of the fit: the filters' transients, as in `Filters`."""
-_HELD = 0.999
-"""Part of the squares of the joint rates that lies below the fit's cut-off where none is given."""
-_ORDER = 6
 
 
 @dataclass(frozen=True)
@@ -74,12 +68,12 @@ class Recorded:
             grid = times[0] + np.arange(len(times)) / rate
             grid[-1] = times[-1]
             if np.max(np.abs(grid - times)) > 1e-3 / rate:
-                q_, tau_ = (bring_to_grid(times, x, grid, None, _ORDER).T for x in (q_, tau_))
-                rates = [None if x is None else bring_to_grid(times, x, grid, None, _ORDER).T for x in rates]
+                q_, tau_ = (bring_to_grid(times, x, grid, None, ORDER).T for x in (q_, tau_))
+                rates = [None if x is None else bring_to_grid(times, x, grid, None, ORDER).T for x in rates]
                 external = [
                     replace(
-                        one, force=bring_to_grid(times, np.asarray(one.force), grid, None, _ORDER).T,
-                        moment=None if one.moment is None else bring_to_grid(times, one.moment, grid, None, _ORDER).T,
+                        one, force=bring_to_grid(times, np.asarray(one.force), grid, None, ORDER).T,
+                        moment=None if one.moment is None else bring_to_grid(times, one.moment, grid, None, ORDER).T,
                     ) for one in external
                 ]  # fmt: skip
         assert rate is not None
@@ -99,14 +93,17 @@ class Recorded:
             q_ = q_ + offset
         return cls(q_, tau_, rate, rates[0], rates[1], tuple(external))
 
-    def filters(self, cutoff: float | None, pre_cutoff: float | None) -> Filters:
-        """Filters of a fit up to `cutoff` [Hz], at the working rate. Raises UsageError for one that cannot be."""
+    def filters(self, cutoff: float | None, pre_cutoff: float | None, values: int = 0) -> Filters:
+        """Filters of a fit of so many values up to `cutoff` [Hz] (by default `default_cutoff`), at the working rate.
+
+        Raises UsageError for filters that cannot be.
+        """
         if cutoff is None:
-            cutoff = self._motion()
-        pre = pre_cutoff or min(_PRE * cutoff, 0.4 * self.rate)
+            cutoff = default_cutoff(self.q, self.rate, values)
+        pre = pre_cutoff or min(PRE * cutoff, 0.4 * self.rate)
         work = max(1, math.floor(self.rate / (_OVERSAMPLING * pre)))
         try:
-            found = Filters(self.rate / work, pre, cutoff, _ORDER, _EDGE / cutoff)
+            found = Filters(self.rate / work, pre, cutoff, ORDER, EDGE / cutoff)
         except ValueError as error:
             raise UsageError(str(error)) from None
         if len(self.q) / self.rate <= 2.0 * found.edge + 1.0 / cutoff:
@@ -115,17 +112,6 @@ class Recorded:
                 f"take {found.edge:.3g} s at each end"
             )
         return found
-
-    def _motion(self) -> float:
-        """Frequency [Hz] below which nearly all of the joint rates' squares lie, each joint counting alike."""
-        x = zero_phase(self.q.T, min(0.1 * self.rate, 100.0), self.rate, _ORDER)
-        rate = derivative(x, self.rate)
-        spectrum = np.asarray(np.fft.rfft(rate * np.hanning(rate.shape[1]).astype(float), axis=1), complex)
-        power = np.asarray(np.abs(spectrum) ** 2, float)
-        share: Array = np.cumsum(np.sum(power, axis=0), dtype=float)
-        place = int(np.count_nonzero(share < _HELD * share[-1]))
-        seconds = len(self.q) / self.rate
-        return min(max(place / seconds, 4.0 * _EDGE / seconds), 0.4 * self.rate / _PRE)
 
     def rate_noise(self, filters: Filters, sigma: Array) -> Array:
         """(f,) σ of the joint rates after the pre-filter [rad/s, m/s], from σ of white noise of the positions."""

@@ -253,10 +253,11 @@ def identify_chain(
     how: dict[str, object] = {"rate": rate, "t": t, "motors": motors, "zero": zero}
     recorded = Recorded.read(chain, q, tau, rate=rate, t=t, qd=qd, qdd=qdd, motors=motors, zero=zero, external=external)
     with one_thread():
-        filters = recorded.filters(cutoff, pre_cutoff)
+        model = ChainModel.of(chain, effects)
+        filters = recorded.filters(cutoff, pre_cutoff, len(model.base.independent))
         samples = recorded.samples(filters)
         limit = _slowest(slowest, recorded, filters)
-        fitted = fit_chain(ChainModel.of(chain, effects), samples, limit, robust)
+        fitted = fit_chain(model, samples, limit, robust)
     return IdentifiedChain(fitted, filters, limit, recorded, samples, {**how, "t": None, "rate": recorded.rate})
 
 

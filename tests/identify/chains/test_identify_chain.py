@@ -390,7 +390,7 @@ def test_intervals_hold_the_truth_in_95_percent():
     inside: list[np.ndarray] = []
     for seed in range(60):
         found = identified(simulated(100 + seed, NOISE))
-        half = 1.96 * np.sqrt(np.diag(found.fitted.covariance))
+        half = np.array([one.half for one in found.parameters])
         inside.append(np.abs(found.fitted.x - truth(found)) <= half)
     share = float(np.mean(inside))
     assert 0.92 < share < 0.985

@@ -1,0 +1,70 @@
+"""Short, slow records: each joint's noise by its degrees of freedom, intervals that hold, too few equations refused."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+import scipy
+
+from lacet.daq.errors import NotIdentifiable
+from lacet.identify.chains.weights import serial_quantile, solved_together, student
+from lacet.services.library.chains import IdentifiedChain, identify_chain
+from tests.identify.chains.arms import ARM, RATE, VALUES, record
+
+
+def held(found: IdentifiedChain) -> np.ndarray:
+    """Whether each interval holds the true value."""
+    base = found.fitted.base
+    known = base.grouping() @ np.array([VALUES.get(name, 0.0) for name in base.names])
+    true = {base.names[int(k)]: value for k, value in zip(base.independent, known, strict=True)}
+    return np.array([abs(one.value - true[one.name]) <= one.half for one in found.parameters])
+
+
+@pytest.mark.parametrize(("cutoff", "instants"), [(None, 89), (0.9, 21)])
+def test_intervals_of_a_short_record_hold(cutoff: float | None, instants: int):
+    """20 s, 36 parameters, 24 seeds: 95 % of the intervals hold the truth, and none of the records fails as a whole."""
+    shares: list[float] = []
+    for seed in range(200, 224):
+        found = identify_chain(ARM, *record(seed), rate=RATE, cutoff=cutoff)
+        assert len(found.fitted.t) == instants
+        shares.append(float(np.mean(held(found))))
+    assert 0.925 <= np.mean(shares) <= 0.985
+    assert min(shares) > 0.7
+
+
+def test_variances_of_joints_are_unbiased_where_equations_are_few():
+    """Three joints of 24 equations in 24 parameters, 100 draws: the mean of σ² is the true one, and none is 0.
+
+    With n in the divisor it would be 2/3 of it in the mean, and 0 where a joint's own noise begins to weigh less.
+    """
+    rng = np.random.default_rng(4)
+    W = rng.normal(size=(24, 3, 24))
+    W[:, 2, :12] = 0.0
+    used, ones, sigma = np.ones((24, 3), bool), np.ones((24, 3)), np.array([1.0, 3.0, 0.2])
+    found = [solved_together(W, sigma * rng.normal(size=(24, 3)), used, ones) for _ in range(100)]
+    for one in found:
+        assert np.sum(one.freedom) == pytest.approx(72 - 24, abs=1e-6)
+        assert np.min(one.freedom) > 1.0
+    np.testing.assert_allclose(np.mean([one.sigma**2 for one in found], axis=0) / sigma**2, 1.0, atol=0.15)
+
+
+def test_quantiles():
+    """Student's of one joint, of equal joints together, and the normal one of many; more where HAC has few parts."""
+    assert student(np.array([2.0]), np.array([5.0])) == pytest.approx(scipy.stats.t.isf(0.025, 5.0))
+    assert student(np.array([1.0, 1.0]), np.array([5.0, 5.0])) == pytest.approx(scipy.stats.t.isf(0.025, 10.0))
+    assert student(np.array([0.0]), np.array([5.0])) == pytest.approx(1.96, abs=1e-3)
+    assert serial_quantile(10**7) == pytest.approx(1.96, abs=1e-2)
+    assert serial_quantile(21) > 2.9
+
+
+def test_too_few_equations_are_refused_with_what_to_do():
+    """9 instants: the fit goes through a joint's equations; no warning and no NaN, but how long a record must be."""
+    said = r"a record of 20 s has \d\d equations up to 0\.65 Hz for 36 values: record 74 s or more, or fit to a higher"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(NotIdentifiable, match=said):
+            identify_chain(ARM, *record(3), rate=RATE, cutoff=0.65)
+        found = identify_chain(ARM, *record(3, 74.0), rate=RATE, cutoff=0.65)
+    assert np.min(found.fitted.freedom) > 70.0
