@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from enum import StrEnum
 
+from lacet.identify.chains.doubts import Doubts
 from lacet.identify.chains.ranking import ChainRanking
 from lacet.identify.chains.scores import JointScore
 
@@ -20,12 +21,16 @@ class ChainVerdict(StrEnum):
     """No law is. Errors are above their noise floor by more than chance, and less than the user's effect size."""
     UNLISTED = "unlisted cause"
     """The model fails at a joint for a cause that is not among the laws tried."""
+    UNSOUND = "unsound fit"
+    """The fit that laws were tried on is in doubt (`Doubts`): what seems missing may only stand in for that."""
     UNTESTED = "not tested"
     """The record is too short for a law to be tested."""
 
 
-def verdict_of(ranking: ChainRanking, scores: Sequence[JointScore]) -> ChainVerdict:
-    """The verdict that follows from laws tried and the joints' errors on the samples fitted to."""
+def verdict_of(ranking: ChainRanking, scores: Sequence[JointScore], doubts: Doubts | None = None) -> ChainVerdict:
+    """The verdict that follows from laws tried, the joints' errors on the samples fitted to, and doubts of the fit."""
+    if doubts is not None and doubts.about(bool(ranking.missing)):
+        return ChainVerdict.UNSOUND
     if ranking.missing:
         return ChainVerdict.MISSING
     if ranking.untested:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lacet.daq.errors import UsageError
+from lacet.identify.chains.doubts import Doubts, doubts_of, noise_bias, without_wrong_signs
 from lacet.identify.chains.effects import ExternalForce, JointEffect
 from lacet.identify.chains.fit import ChainEstimate, ChainFit, fit_chain
 from lacet.identify.chains.model import ChainModel
@@ -95,6 +96,13 @@ class IdentifiedChain:
         return measured_noise(self.fitted, self._recorded, self.filters)
 
     @cached_property
+    def doubts(self) -> Doubts:
+        """What makes the fit unsound: signs of torques, values that cannot be, noise of positions, few equations."""
+        with one_thread():
+            bias = noise_bias(self.fitted, self._recorded, self.filters, self.noise[0])
+            return doubts_of(self.fitted, bias)
+
+    @cached_property
     def _noise(self) -> NDArray[np.float64]:
         with one_thread():
             return drawn_noise(self.fitted, self._recorded, self.filters, self.noise, self.slowest)
@@ -134,9 +142,16 @@ class IdentifiedChain:
         return scores_of(self.fitted, residual, measured, noise)
 
     def rank(self, candidates: Sequence[JointEffect] | None = None) -> RankedLaws:
-        """Which law of a joint is missing: each that the model lacks is tried, or the `candidates` given."""
+        """Which law of a joint is missing: each that the model lacks is tried, or the `candidates` given.
+
+        Where the fit is unsound (`doubts`), none is named: what is tried beside it may only stand in for the cause.
+        """
         with one_thread():
-            return RankedLaws(rank_chain(self.fitted, self._samples, candidates), self.scores)
+            ranking = rank_chain(self.fitted, self._samples, candidates)
+        doubts = self.doubts
+        if doubts.wrong_signs and ranking.missing and not self.with_effects(*ranking.missing).doubts.wrong_signs:
+            doubts = without_wrong_signs(doubts)
+        return RankedLaws(ranking, self.scores, doubts)
 
     def with_effects(self, *effects: JointEffect) -> IdentifiedChain:
         """The fit again with more laws."""
@@ -146,7 +161,7 @@ class IdentifiedChain:
         return IdentifiedChain(fitted, self.filters, self.slowest, self._recorded, self._samples, self._how)
 
     def _tables(self) -> tuple[tuple[str, Sequence[str], list[list[str]]], tuple[str, Sequence[str], list[list[str]]]]:
-        head = chain_fit.fit_head(self.fitted, self.filters.fit_cutoff)
+        head = chain_fit.fit_head(self.fitted, self.filters.fit_cutoff, self.doubts)
         return (
             (head, chain_fit.PARAMETER_HEAD, chain_fit.parameter_rows(self.fitted)),
             ("Errors", chain_fit.SCORE_HEAD, chain_fit.score_rows(self.scores, self.held_out)),
@@ -174,20 +189,22 @@ class RankedLaws:
     ----------
     ranking : the values.
     scores : the joints' errors that the laws were tried on.
+    doubts : what makes the fit unsound that they were tried on.
     """
 
     ranking: ChainRanking
     scores: tuple[JointScore, ...]
+    doubts: Doubts
 
     @property
     def missing(self) -> tuple[JointEffect, ...]:
-        """The laws found missing, in the order found."""
-        return self.ranking.missing
+        """The laws found missing, in the order found; none where the fit is unsound."""
+        return () if self.doubts.about(bool(self.ranking.missing)) else self.ranking.missing
 
     @property
     def verdict(self) -> str:
-        """``missing``, ``nothing missing``, ``small rest``, ``unlisted cause`` or ``not tested``."""
-        return verdict_of(self.ranking, self.scores).value
+        """``missing``, ``nothing missing``, ``small rest``, ``unlisted cause``, ``unsound fit`` or ``not tested``."""
+        return verdict_of(self.ranking, self.scores, self.doubts).value
 
     @property
     def failing(self) -> tuple[JointScore, ...]:
@@ -200,12 +217,15 @@ class RankedLaws:
         return self.ranking.candidates
 
     def __repr__(self) -> str:
-        head, rows = chain_fit.ranking_head(self.ranking, self.scores), chain_fit.ranking_rows(self.ranking)
+        head, rows = (
+            chain_fit.ranking_head(self.ranking, self.scores, self.doubts),
+            chain_fit.ranking_rows(self.ranking, self.doubts),
+        )
         return shortened(f"{head}\n{table(list(chain_fit.RANKING_HEAD), rows)}")
 
     def _repr_html_(self) -> str:
-        rows = chain_fit.ranking_rows(self.ranking)
-        return html_table(chain_fit.ranking_head(self.ranking, self.scores), chain_fit.RANKING_HEAD, rows)
+        rows = chain_fit.ranking_rows(self.ranking, self.doubts)
+        return html_table(chain_fit.ranking_head(self.ranking, self.scores, self.doubts), chain_fit.RANKING_HEAD, rows)
 
 
 def identify_chain(

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
+from lacet.identify.chains.doubts import Doubts
 from lacet.identify.chains.effects import JointEffect, StribeckFriction
-from lacet.identify.chains.fit import ChainFit
-from lacet.identify.chains.ranking import ChainRanking
+from lacet.identify.chains.fit import ChainEstimate, ChainFit, too_few
+from lacet.identify.chains.ranking import ChainRanking, JointAnswer
 from lacet.identify.chains.scores import JointScore
 from lacet.identify.chains.verdicts import ChainVerdict, failing_joints, verdict_of
 from lacet.identify.multibody.rigid_body import PARAMETERS, UNITS
@@ -47,20 +50,27 @@ def score_rows(scores: Sequence[JointScore], held_out: Sequence[JointScore]) -> 
     return [
         [
             one.joint,
-            f"{one.ratio:.2f}",
-            f"{one.rms:.3g}",
-            f"{one.explained:.2f}",
-            f"{other.ratio:.2f}",
-            f"{other.rms:.3g}",
+            _known(one.ratio, ".2f"),
+            _known(one.rms, ".3g"),
+            _known(one.explained, ".2f"),
+            _known(other.ratio, ".2f"),
+            _known(other.rms, ".3g"),
         ]
         for one, other in zip(scores, held_out, strict=True)
     ]
 
 
-def ranking_rows(ranking: ChainRanking) -> list[list[str]]:
-    """Laws tried, with their answers."""
+def _known(number: float, how: str) -> str:
+    """A number, or a dash where there is none: the other parts of a short record do not determine the parameters."""
+    return f"{number:{how}}" if np.isfinite(number) else "–"
+
+
+def ranking_rows(ranking: ChainRanking, doubts: Doubts) -> list[list[str]]:
+    """Laws tried, with their answers; that a law is missing is in doubt where the fit is unsound."""
+    unsound = doubts.about(bool(ranking.missing))
     return [
-        [one.effect.key + constant_text(one.effect), one.answer.value, f"{one.gain:.1f}", f"{one.p:.3f}",
+        [one.effect.key + constant_text(one.effect), "in doubt" if unsound and one.answer is JointAnswer.MISSING
+         else one.answer.value, f"{one.gain:.1f}", f"{one.p:.3f}",
          ", ".join(f"{value:.3g}" for value in one.values)]
         for one in ranking.candidates
     ]  # fmt: skip
@@ -71,8 +81,8 @@ def constant_text(effect: JointEffect) -> str:
     return f" (speed {effect.speed:g} rad/s)" if isinstance(effect, StribeckFriction) else ""
 
 
-def fit_head(fitted: ChainFit, cutoff: float) -> str:
-    """What was fitted to what, and which values cannot be, in a sentence each."""
+def fit_head(fitted: ChainFit, cutoff: float, doubts: Doubts) -> str:
+    """What was fitted to what, and what makes it unsound, in a sentence each."""
     chain = fitted.model.chain
     said = (
         f"{len(chain.coupling.free)} joints, {int(fitted.used.sum())} equations up to {cutoff:.3g} Hz: "
@@ -80,24 +90,54 @@ def fit_head(fitted: ChainFit, cutoff: float) -> str:
     )
     if fitted.unseen:
         said += f"; this motion does not determine {', '.join(fitted.unseen)}"
-    return said + _signs(fitted)
+    few = [too_few(fitted.used, len(fitted.estimates), fitted.seconds, fitted.cutoff)] if doubts.few else []
+    return _sentences([said, *few, *_doubts(doubts)])
 
 
-def _signs(fitted: ChainFit) -> str:
-    """What a fit says of masses, inertias and friction that are negative; empty where none is."""
-    names = [one.name for one in fitted.wrong_signs]
-    if not names:
-        return ""
-    verb = "is" if len(names) == 1 else "are"
-    return (
-        f". {', '.join(names)} {verb} negative beyond the interval, which no mass, inertia or friction can be: "
-        "check the signs and units of torques and positions, joint by joint"
-    )
+def _sentences(parts: Sequence[str]) -> str:
+    """Sentences one after another."""
+    return ". ".join(part[0].upper() + part[1:] for part in parts)
 
 
-def ranking_head(ranking: ChainRanking, scores: Sequence[JointScore]) -> str:
+def _doubts(doubts: Doubts) -> list[str]:
+    """What makes a fit unsound, and what to do, in a sentence each."""
+    out = [
+        f"the torque of {one.joint} fits with the opposite sign (error at {one.seen_at} {one.turned:.3g} in place of "
+        f"{one.sigma:.3g}): "
+        "turn its sign, or that of its position"
+        for one in doubts.turned
+    ]
+    if doubts.biased:
+        out.append(
+            f"the noise of the positions moves {_names(doubts.biased)} by more than "
+            f"{100.0 * SELECTION.confounded_interval:g} % of the interval: fit to a lower cut-off (cutoff=…), or "
+            "measure positions with less noise"
+        )
+    if doubts.wrong_signs:
+        names = ", ".join(one.name for one in doubts.wrong_signs)
+        verb = "is" if len(doubts.wrong_signs) == 1 else "are"
+        first = "if that remains with less noise, " if doubts.biased else ""
+        out.append(
+            f"{names} {verb} negative beyond the interval, which no mass, inertia or friction can be: {first}"
+            "check the signs and units of torques and positions, joint by joint"
+        )
+    return out
+
+
+def _names(estimates: Sequence[ChainEstimate]) -> str:
+    """The first of their names, and how many more there are."""
+    names, most = [one.name for one in estimates], SELECTION.most_reported
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def ranking_head(ranking: ChainRanking, scores: Sequence[JointScore], doubts: Doubts) -> str:
     """What was found missing, in sentences; where nothing was, at which joints the model fails nevertheless."""
-    verdict = verdict_of(ranking, scores)
+    verdict = verdict_of(ranking, scores, doubts)
+    if verdict is ChainVerdict.UNSOUND:
+        reasons = _doubts(doubts) or ["the equations are too few (a longer record, or a higher cut-off, has more)"]
+        laws = ", ".join(effect.key + constant_text(effect) for effect in ranking.missing)
+        then = [f"then rank again: {laws} may only stand in for that"] if laws else []
+        return "no law is named, as the fit is unsound. " + _sentences([*reasons, *then])
     if verdict is ChainVerdict.MISSING:
         return "missing: " + ", ".join(effect.key + constant_text(effect) for effect in ranking.missing)
     if verdict is ChainVerdict.UNTESTED:

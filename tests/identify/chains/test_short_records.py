@@ -68,3 +68,18 @@ def test_too_few_equations_are_refused_with_what_to_do():
             identify_chain(ARM, *record(3), rate=RATE, cutoff=0.65)
         found = identify_chain(ARM, *record(3, 74.0), rate=RATE, cutoff=0.65)
     assert np.min(found.fitted.freedom) > 70.0
+
+
+def test_few_equations_are_reported():
+    """Where a joint's noise is hardly known, the first sentence has the length that is needed; dashes for no number."""
+    q, tau = record(5, 18.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = identify_chain(ARM, q, tau, rate=RATE, cutoff=0.9)
+        text = str(found)
+    assert found.doubts.few
+    assert "A record of 18 s has 68 equations up to 0.9 Hz for 36 values: record 53 s or more" in text
+    assert "nan" not in text
+    assert "inf" not in text
+    assert all(np.isfinite(one.half) for one in found.parameters)
+    assert not identify_chain(ARM, q, tau, rate=RATE).doubts.few

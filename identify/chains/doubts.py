@@ -1,0 +1,199 @@
+"""What makes a fitted chain unsound: signs of torques, values that cannot be, noise of positions, few equations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from lacet.identify.chains.effects import AsymmetricCoulomb, CoulombFriction, ViscousFriction
+from lacet.identify.chains.fit import ChainEstimate, ChainFit
+from lacet.identify.chains.samples import JointSamples, Recorded
+from lacet.identify.chains.weights import FEW, serial_quantile, solved_together
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.uncertainty import hac
+from lacet.identify.selection.settings import SELECTION
+from lacet.identify.signals.filters import Filters
+
+_ALIKE = 1e-6
+"""Difference of two likelihoods ÷ either at which two choices of signs are one: all signs turned [ratio]: numerical."""
+_PAIRS = 8
+"""Draws of noise, each added and subtracted, where the first show that it may matter [count]. Source: its time."""
+_FRICTION = ViscousFriction, CoulombFriction, AsymmetricCoulomb
+"""Laws whose columns have the sign of the joint's rate."""
+
+
+@dataclass(frozen=True)
+class TurnedTorque:
+    """A joint whose torque fits with the opposite sign.
+
+    Attributes
+    ----------
+    joint : its name.
+    seen_at : the joint where the error falls most; a turned torque makes it at the joints before.
+    sigma, turned : σ of that joint's equations as the signs are given, and with all these torques turned [N·m, N].
+    """
+
+    joint: str
+    seen_at: str
+    sigma: float
+    turned: float
+
+
+@dataclass(frozen=True)
+class Doubts:
+    """Reasons not to trust a fit.
+
+    Attributes
+    ----------
+    turned : joints whose torques fit with the opposite sign.
+    wrong_signs : values that are negative beyond chance, though they cannot be, and not by the positions' noise.
+    biased : values that the noise of the positions moves by a large part of their intervals (`noise_bias`).
+    few : whether a joint has so few equations that its noise is hardly known (`FEW`).
+    """
+
+    turned: tuple[TurnedTorque, ...] = ()
+    wrong_signs: tuple[ChainEstimate, ...] = ()
+    biased: tuple[ChainEstimate, ...] = ()
+    few: bool = False
+
+    def about(self, laws_found: bool) -> bool:
+        """Whether a verdict on laws is in doubt: by signs always, by noise and few equations where laws are found."""
+        return bool(self.turned or self.wrong_signs or (laws_found and (self.biased or self.few)))
+
+
+def doubts_of(fitted: ChainFit, bias: Array) -> Doubts:
+    """All reasons that a fit itself gives, beside the bias (b,) by noise of the positions."""
+    names = [fitted.base.names[int(k)] for k in fitted.base.independent]
+    moved = {one.name: abs(float(bias[names.index(one.name)])) for one in fitted.estimates}
+    biased = tuple(one for one in fitted.estimates if moved[one.name] > SELECTION.confounded_interval * one.half)
+    known = {one.name for one in biased}
+    wrong = tuple(one for one in fitted.wrong_signs if one.name not in known)
+    return Doubts(turned_torques(fitted), wrong, biased, bool(np.any(fitted.freedom < FEW)))
+
+
+def turned_torques(fitted: ChainFit) -> tuple[TurnedTorque, ...]:
+    """Joints whose torques fit with the opposite sign beyond chance, and whose friction would drive them as they are.
+
+    Bodies beyond a joint act on those before it, so that torques of one sign fit together. The likelihood with one
+    joint's sign turned is compared with that of the signs given, by its differences at each instant (Vuong 1989, whose
+    test holds where both models lack something), correlated in time; chance is family-wise over the joints. A law that
+    is missing may fit better under a wrong sign, but leaves the joint's friction against its motion.
+    """
+    seen = [i for i, k in enumerate(fitted.base.independent) if fitted.base.names[int(k)] not in fitted.unseen]
+    W, chain = fitted.W[:, :, seen], fitted.model.chain
+    count = len(fitted.model.chain.coupling.free)
+    names = [fitted.base.names[int(fitted.base.independent[i])] for i in seen]
+    passive = [i for i, name in enumerate(names) if name in fitted.model.never_negative]
+    friction = [
+        [names.index(name) for effect in fitted.model.effects if isinstance(effect, _FRICTION)
+         and effect.directions.keys() == {j} for name in effect.parameters if name in names]
+        for j in chain.coupling.free
+    ]  # fmt: skip
+    level = float(scipy.stats.norm.isf(SELECTION.significance / count)) / SELECTION.interval_quantile
+
+    def solved(signs: Array) -> _Signed:
+        found = solved_together(W, fitted.y * signs, fitted.used, fitted.weights)
+        scaled = (fitted.y * signs - W @ found.x) * fitted.weights / found.sigma
+        each = np.where(fitted.used, -0.5 * scaled**2 - np.asarray(np.log(found.sigma), float), 0.0)
+        likelihood = np.asarray(np.sum(each, axis=1), float)
+        drives = np.array([_drives(W[:, k], found.x, friction[k]) for k in range(count)])
+        return _Signed(likelihood, int(np.count_nonzero(found.x[passive] < 0.0)), found.sigma, drives)
+
+    signs = np.asarray(np.ones(count), float)
+    given = best = solved(signs)
+    for _ in range(count if count > 1 else 0):
+        tries = [(k, solved(_turned(signs, k))) for k in range(count)]
+        most = max(one.total for _, one in tries)
+        alike = [(k, one) for k, one in tries if most - one.total <= _ALIKE * abs(most)]
+        k, one = min(alike, key=lambda each: each[1].negative)
+        more = one.likelihood - best.likelihood
+        chance = serial_quantile(len(more)) * float(np.sqrt(hac((more - np.mean(more))[:, None])[0, 0]))
+        if one.total - best.total <= level * chance or (friction[k] and not best.drives[k] > one.drives[k]):
+            break
+        best, signs = one, _turned(signs, k)
+    names = [chain.names[j - 1] for j in chain.coupling.free]
+    at = int(np.argmin(best.sigma / given.sigma))
+    return tuple(
+        TurnedTorque(names[k], names[at], float(given.sigma[at]), float(best.sigma[at]))
+        for k in np.flatnonzero(signs < 0.0)
+    )
+
+
+def _turned(signs: Array, k: int) -> Array:
+    """Signs with that of joint `k` turned."""
+    out = signs.copy()
+    out[k] = -out[k]
+    return out
+
+
+@dataclass(frozen=True)
+class _Signed:
+    """A fit with some torques' signs turned.
+
+    `likelihood` : (m,) its logarithm at each instant. `negative` : values below 0 that cannot be. `sigma` : (f,).
+    `drives` : (f,) whether each joint's friction drives it.
+    """
+
+    likelihood: Array
+    negative: int
+    sigma: Array
+    drives: NDArray[np.bool_]
+
+    @property
+    def total(self) -> float:
+        return float(np.sum(self.likelihood))
+
+
+def _drives(W: Array, x: Array, places: list[int]) -> bool:
+    """Whether the friction at a joint, of columns (m, b) at `places`, acts with its motion in the mean."""
+    columns = W[:, places]
+    along = np.sum(columns / np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300), axis=1)
+    return bool(along @ (columns @ x[places]) < 0.0)
+
+
+def noise_bias(fitted: ChainFit, recorded: Recorded, filters: Filters, sigma: Array) -> Array:
+    """(b,) bias of the base parameters by white noise σ (f,) [rad, m] of the positions; 0 where it may be chance.
+
+    As much noise again is added to the record: what that moves the parameters by, the record's own noise has moved
+    them by already (simulation and extrapolation: Cook and Stefanski 1994). Each draw is added and subtracted, so that
+    what is linear in the noise, and no bias, cancels.
+    """
+    seen = [i for i, k in enumerate(fitted.base.independent) if fitted.base.names[int(k)] not in fitted.unseen]
+    sigma_x = np.sqrt(np.diag(fitted.independent))[seen]
+    rng = np.random.default_rng(3)
+    moved: list[Array] = []
+    while len(moved) < SELECTION.noise_pairs or (
+        len(moved) < _PAIRS and np.max(np.abs(np.mean(moved, axis=0)), initial=0.0) > SELECTION.confounded_interval
+    ):
+        drawn = rng.standard_normal(recorded.q.shape) * sigma
+        pair = [_refitted_to(fitted, recorded.samples(filters, (x, np.zeros((1, 1)))), seen) for x in (drawn, -drawn)]
+        moved.append((0.5 * (pair[0] + pair[1]) - fitted.x[seen]) / sigma_x)
+    mean = np.asarray(np.mean(moved, axis=0), float)
+    own = np.asarray(np.std(moved, axis=0, ddof=1), float) / len(moved) ** 0.5
+    error = np.maximum(
+        own, float(own @ own / own.size) ** 0.5
+    )  # of few pairs, a parameter's own may be small by chance
+    beyond = float(scipy.stats.norm.isf(0.5 * SELECTION.significance / len(seen)))
+    out = np.zeros(len(fitted.x))
+    out[seen] = np.where(np.abs(mean) > beyond * error, mean, 0.0) * sigma_x
+    return out
+
+
+def _refitted_to(fitted: ChainFit, samples: JointSamples, seen: list[int]) -> Array:
+    """Base parameters `seen` by other samples of the same record, with the fit's weights and equations."""
+    model = fitted.model
+    scale = (fitted.weights / fitted.sigma)[fitted.used]
+    W, y = model.equations(samples, fitted.standard)
+    places = model.offset_places
+    right = (y + W[:, :, places] @ fitted.standard[places])[fitted.used] * scale
+    columns = W[:, :, model.base.independent[seen]][fitted.used] * scale[:, None]
+    lengths = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    return np.asarray(np.linalg.lstsq(columns / lengths, right, rcond=None)[0], float) / lengths
+
+
+def without_wrong_signs(doubts: Doubts) -> Doubts:
+    """The doubts where laws that are missing account for the values that cannot be."""
+    return replace(doubts, wrong_signs=())

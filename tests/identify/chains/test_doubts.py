@@ -1,0 +1,110 @@
+"""Reasons not to trust a fit: a torque of opposite sign, noise of the positions; and where none is, none is given."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lacet.identify.chains import effects as laws
+from lacet.identify.chains.doubts import Doubts, noise_bias, turned_torques
+from lacet.identify.chains.ranking import ChainRanking, JointAnswer, JointCandidate
+from lacet.identify.chains.scores import JointScore
+from lacet.identify.chains.verdicts import ChainVerdict, verdict_of
+from lacet.services.library.chains import IdentifiedChain, identify_chain
+from lacet.services.render.chain_fit import ranking_head
+from tests.identify.chains.arms import ARM, NOISE, RATE, VALUES, exact, record, states
+
+LOUD = 1e-3
+"""σ of positions whose noise matters above the motion's cut-off [rad]."""
+
+
+def found(seed: int, tau: np.ndarray | None = None, **how: float | None) -> IdentifiedChain:
+    """A fit to one of the arm's records of 20 s."""
+    q, measured = record(seed)
+    return identify_chain(ARM, q, measured if tau is None else tau, rate=RATE, **how)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("joint", [1, 2, 3, 4])
+@pytest.mark.parametrize("cutoff", [None, 0.9])
+def test_a_torque_of_opposite_sign_is_named(joint: int, cutoff: float | None):
+    """Every joint, in 20 s, with many equations and with few; with the sign turned back none is."""
+    signs = np.where(np.arange(1, 5) == joint, -1.0, 1.0)
+    for seed in (31, 32):
+        tau = record(seed)[1]
+        (one,) = turned_torques(found(seed, tau * signs, cutoff=cutoff).fitted)
+        assert one.joint == ARM.names[joint - 1]
+        assert one.turned < 0.2 * one.sigma
+        assert turned_torques(found(seed, tau, cutoff=cutoff).fitted) == ()
+
+
+def test_a_missing_law_is_no_sign():
+    """A motor that turns with two joints, a stiff spring, and friction that changes with position: ten seeds each."""
+    for seed in range(40, 50):
+        q, qd, qdd = states(seed, 20.0)
+        tau = record(seed)[1]
+        along = qd[:, 2] + qd[:, 3]
+        motor = 1.2 * along + 1.5 * np.sign(along) + 0.15 * (qdd[:, 2] + qdd[:, 3])
+        for more in (
+            np.outer(motor, [0.0, 0.0, 1.0, 1.0]), np.outer(40.0 * (q[:, 1] - 0.3), [0.0, 1.0, 0.0, 0.0]),
+            np.outer(8.0 * np.abs(np.sin(3.0 * q[:, 3])) * np.sign(qd[:, 3]), [0.0, 0.0, 0.0, 1.0]),
+        ):  # fmt: skip
+            assert turned_torques(found(seed, tau + more, cutoff=0.9).fitted) == ()
+
+
+def test_no_law_is_named_beside_a_torque_of_opposite_sign():
+    """Summary and ranking have the joint and what to do; the laws that seemed missing are in doubt."""
+    one = found(31, record(31)[1] * [1.0, -1.0, 1.0, 1.0])
+    said = "The torque of 2 fits with the opposite sign"
+    assert said in str(one).replace(f"torque of {ARM.names[1]} ", "torque of 2 ")
+    ranking = one.rank()
+    assert ranking.verdict == "unsound fit"
+    assert ranking.missing == ()
+    assert repr(ranking).startswith("no law is named, as the fit is unsound. The torque of ")
+    assert "turn its sign, or that of its position" in repr(ranking)
+    right = found(31)
+    assert right.doubts == Doubts()
+    assert right.rank().verdict == "nothing missing"
+
+
+def test_the_noise_of_the_positions_moves_values_as_estimated():
+    """One motion, a cut-off far above it: the mean error of ten records is their estimated bias."""
+    q, tau = exact(60, 20.0)
+    errors, biases = [], []
+    for seed in range(10):
+        rng = np.random.default_rng([seed, 7])
+        noisy = identify_chain(
+            ARM, q + 1e-3 * rng.standard_normal(q.shape), tau + NOISE * rng.standard_normal(q.shape), rate=RATE,
+            cutoff=5.0,
+        )  # fmt: skip
+        known = noisy.fitted.base.grouping() @ np.array([VALUES.get(name, 0.0) for name in noisy.fitted.base.names])
+        half = np.array([one.half for one in noisy.parameters])
+        errors.append((noisy.fitted.x - known) / half)
+        if seed == 0:
+            biases.append(noise_bias(noisy.fitted, noisy._recorded, noisy.filters, noisy.noise[0]) / half)
+    error, bias = np.mean(errors, axis=0), np.mean(biases, axis=0)
+    assert np.max(np.abs(bias)) > 0.3
+    assert np.corrcoef(error, bias)[0, 1] > 0.7
+    assert 0.6 < (error @ bias) / (bias @ bias) < 1.5
+
+
+def test_a_cut_off_far_above_the_motion_is_in_doubt():
+    """Positions of 0.001 rad up to 10 Hz: the first sentence has the noise and what to do, and no law is named."""
+    q, tau = record(71, 20.0, LOUD)
+    noisy = identify_chain(ARM, q, tau, rate=RATE, cutoff=10.0)
+    assert len(noisy.doubts.biased) > 5
+    assert "The noise of the positions moves " in str(noisy)
+    assert "fit to a lower cut-off" in str(noisy)
+    assert noisy.rank().missing == ()
+    assert identify_chain(ARM, q, tau, rate=RATE).doubts == Doubts()
+
+
+def test_a_verdict_is_in_doubt():
+    """By signs always; by noise and few equations only where laws would be named."""
+    score = JointScore("a", 1.2, 1.0, 99.0, 50.0, 0.3)
+    law = JointCandidate(laws.JointSpring(1), 9.0, 0.001, (1.0,), JointAnswer.MISSING)
+    few = Doubts(few=True)
+    assert verdict_of(ChainRanking((law,), 20), (score,), few) is ChainVerdict.UNSOUND
+    assert verdict_of(ChainRanking((), 20), (score,), few) is ChainVerdict.NOTHING
+    said = ranking_head(ChainRanking((law,), 20), (score,), few)
+    assert "The equations are too few" in said
+    assert "spring.1 may only stand in" in said
