@@ -23,7 +23,7 @@ accelerations' noise be, for a cut-off above the motion's."""
 _HIGHEST = 100.0
 """Frequency up to which motion is looked for [Hz], or a tenth of the sample rate."""
 _SHORTEST = 4.0 * EDGE
-"""Cut-off × length of a record, at least: half of it is then left by the filters' transients."""
+"""Cut-off × length of a record, at least: the filters' transients then take half of it."""
 
 
 def enough_seconds(values: int, cutoff: float) -> float:

@@ -59,10 +59,6 @@ class Doubts:
     biased: tuple[ChainEstimate, ...] = ()
     few: bool = False
 
-    def about(self, laws_found: bool) -> bool:
-        """Whether a verdict on laws is in doubt: by signs always, by noise and few equations where laws are found."""
-        return bool(self.turned or self.wrong_signs or (laws_found and (self.biased or self.few)))
-
 
 def doubts_of(fitted: ChainFit, bias: Array) -> Doubts:
     """All reasons that a fit itself gives, beside the bias (b,) by noise of the positions."""

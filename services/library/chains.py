@@ -25,7 +25,7 @@ from lacet.identify.chains.scores import (
     predicted,
     scores_of,
 )
-from lacet.identify.chains.verdicts import failing_joints, verdict_of
+from lacet.identify.chains.verdicts import ChainVerdict, failing_joints, verdict_of
 from lacet.identify.multibody.chain import Chain
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.noise_level import white_noise
@@ -199,7 +199,7 @@ class RankedLaws:
     @property
     def missing(self) -> tuple[JointEffect, ...]:
         """The laws found missing, in the order found; none where the fit is unsound."""
-        return () if self.doubts.about(bool(self.ranking.missing)) else self.ranking.missing
+        return () if self.verdict == ChainVerdict.UNSOUND else self.ranking.missing
 
     @property
     def verdict(self) -> str:
@@ -219,12 +219,12 @@ class RankedLaws:
     def __repr__(self) -> str:
         head, rows = (
             chain_fit.ranking_head(self.ranking, self.scores, self.doubts),
-            chain_fit.ranking_rows(self.ranking, self.doubts),
+            chain_fit.ranking_rows(self.ranking, self.verdict),
         )
         return shortened(f"{head}\n{table(list(chain_fit.RANKING_HEAD), rows)}")
 
     def _repr_html_(self) -> str:
-        rows = chain_fit.ranking_rows(self.ranking, self.doubts)
+        rows = chain_fit.ranking_rows(self.ranking, self.verdict)
         return html_table(chain_fit.ranking_head(self.ranking, self.scores, self.doubts), chain_fit.RANKING_HEAD, rows)
 
 

@@ -65,9 +65,9 @@ def _known(number: float, how: str) -> str:
     return f"{number:{how}}" if np.isfinite(number) else "–"
 
 
-def ranking_rows(ranking: ChainRanking, doubts: Doubts) -> list[list[str]]:
+def ranking_rows(ranking: ChainRanking, verdict: str) -> list[list[str]]:
     """Laws tried, with their answers; that a law is missing is in doubt where the fit is unsound."""
-    unsound = doubts.about(bool(ranking.missing))
+    unsound = verdict == ChainVerdict.UNSOUND
     return [
         [one.effect.key + constant_text(one.effect), "in doubt" if unsound and one.answer is JointAnswer.MISSING
          else one.answer.value, f"{one.gain:.1f}", f"{one.p:.3f}",
@@ -119,7 +119,8 @@ def _doubts(doubts: Doubts) -> list[str]:
         first = "if that remains with less noise, " if doubts.biased else ""
         out.append(
             f"{names} {verb} negative beyond the interval, which no mass, inertia or friction can be: {first}"
-            "check the signs and units of torques and positions, joint by joint"
+            "check the signs and units of torques and positions, joint by joint; where they are right, the model lacks "
+            "something"
         )
     return out
 
@@ -145,11 +146,12 @@ def ranking_head(ranking: ChainRanking, scores: Sequence[JointScore], doubts: Do
     count, failing = len(ranking.candidates), failing_joints(scores)
     if verdict is ChainVerdict.UNLISTED:
         large = [one for one in failing if not one.small]
-        return (
+        said = (
             f"the model fails at {_ratios(large)}, and the cause is not among the {count} laws tried: not listed. Plot "
             "what remains there (fitted.residual) over position, rate and time: it may be friction of another shape, a "
             "torque that changes with position, a load that was changed on the way, or an instrument"
         )
+        return ". ".join([said, *(_sentences([one]) for one in _doubts(doubts))])
     if verdict is ChainVerdict.SMALL:
         share = f"{100.0 * SELECTION.effect_size:g} %"
         return (

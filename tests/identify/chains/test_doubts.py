@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from lacet.identify.chains import effects as laws
-from lacet.identify.chains.doubts import Doubts, noise_bias, turned_torques
+from lacet.identify.chains.doubts import Doubts, TurnedTorque, noise_bias, turned_torques
+from lacet.identify.chains.fit import ChainEstimate
 from lacet.identify.chains.ranking import ChainRanking, JointAnswer, JointCandidate
 from lacet.identify.chains.scores import JointScore
 from lacet.identify.chains.verdicts import ChainVerdict, verdict_of
@@ -99,12 +100,22 @@ def test_a_cut_off_far_above_the_motion_is_in_doubt():
 
 
 def test_a_verdict_is_in_doubt():
-    """By signs always; by noise and few equations only where laws would be named."""
+    """By a turned torque always; by values that cannot be, unless a cause in no law may make them so; by noise and few
+    equations only where laws would be named.
+    """
     score = JointScore("a", 1.2, 1.0, 99.0, 50.0, 0.3)
     law = JointCandidate(laws.JointSpring(1), 9.0, 0.001, (1.0,), JointAnswer.MISSING)
     few = Doubts(few=True)
     assert verdict_of(ChainRanking((law,), 20), (score,), few) is ChainVerdict.UNSOUND
     assert verdict_of(ChainRanking((), 20), (score,), few) is ChainVerdict.NOTHING
+    failing = JointScore("a", 1.2, 1.0, 99.0, 50.0, 0.05)
+    wrong = Doubts(wrong_signs=(ChainEstimate("ZZ1", "ZZ1", -1.0, 0.1, 0.2, 0.1),))
+    assert verdict_of(ChainRanking((), 20), (score,), wrong) is ChainVerdict.UNSOUND
+    assert verdict_of(ChainRanking((law,), 20), (failing,), wrong) is ChainVerdict.UNSOUND
+    assert verdict_of(ChainRanking((), 20), (failing,), wrong) is ChainVerdict.UNLISTED
+    assert "ZZ1 is negative beyond the interval" in ranking_head(ChainRanking((), 20), (failing,), wrong)
+    turned = Doubts(turned=(TurnedTorque("a", "a", 5.0, 0.1),))
+    assert verdict_of(ChainRanking((), 20), (failing,), turned) is ChainVerdict.UNSOUND
     said = ranking_head(ChainRanking((law,), 20), (score,), few)
     assert "The equations are too few" in said
     assert "spring.1 may only stand in" in said
