@@ -1,4 +1,4 @@
-"""Common scale of rows without wheel loads, which tells nothing of what the model lacks.
+"""Common scale of rows without wheel loads, which shows nothing of what the model lacks.
 
 All that is known in such rows is in proportion to what is given, as the sprung mass, and to the specific force. With
 either smaller, all parameters and whatever the model leaves are smaller by one factor: in proportion to the car's
