@@ -75,7 +75,7 @@ export function show(root, app) {
 
   function draw() {
     if (!found) return;
-    below.hidden = parameters.element.hidden = false;
+    parameters.element.hidden = false;
     boxed.hidden = found.against === null;
     boxed.textContent = `Boxed: the value in version ${found.against}. ↑ ↓: how far that of version ${found.version} is above or below it, where noise does not explain it.`;
     const at = new Map(found.derived.map((d) => [`${d.kind} ${d.place}`, d]));
@@ -84,12 +84,12 @@ export function show(root, app) {
       ? [h("div", { class: "car-sides" }, ["fl", "rl"].map((c) => corner(c, at, value))), h("div", { class: "car-numbers-box" }, drawing(at, kept.sheet), atCorners(app, found.derived)),
         h("div", { class: "car-sides" }, ["fr", "rr"].map((c) => corner(c, at, value)))]
       : [h("p", { class: "notice", text: "No values of wheels, axles and body are derived from these runs: that takes measured wheel loads. The parameters are below." })]));
-    axles.hidden = whole.hidden = !found.derived.length;
     const [ofAxles, ofCar] = axleTables(app, found.derived, value);
     axles.replaceChildren(h("h2", { text: "Axles" }), ofAxles);
     whole.replaceChildren(h("h2", { text: "Body" }), ofCar);
     const curves = Object.entries(found.dampers);
     dampers.hidden = !curves.length;
+    below.hidden = !found.derived.length && !curves.length;
     plot.update({ items: curves.flatMap(([c, d], k) => [
       { kind: "band", name: "", colour: `--effect-${k}`, x: d.rate, low: d.low, high: d.high },
       { kind: "line", name: CORNERS[c], colour: `--effect-${k}`, x: d.rate, y: d.force }]),

@@ -56,6 +56,7 @@ class Compare {
     });
     this.bar = compareBar(this.acts(), this.overlays.select);
     this.heading = h("p", { class: "validation", "data-testid": "validation" });
+    this.doubts = h("div", { "data-testid": "doubts" }); // of all values: a scale that is hardly known, values that no car has
     this.strip = h("div", { class: "score-strip" });
     this.rows = h("div", { class: "stacks" });
     this.table = h("div", { class: "scroll" });
@@ -69,7 +70,7 @@ class Compare {
         names.splice(names.indexOf(name), 1);
       }) });
     root.append(this.bar.element, this.overlays.chips,
-      h("section", { class: "panel compare-head" }, this.heading, this.strip), this.rows, this.channels.element, this.cursors.element,
+      h("section", { class: "panel compare-head" }, this.doubts, this.heading, this.strip), this.rows, this.channels.element, this.cursors.element,
       this.xy.element, this.forces.element, h("section", { class: "panel all-scores" }, h("h2", null, "All rows of this run"), this.table),
       h("section", { class: "panel all-scores" }, h("h2", null, "Where the rows come from", term(app, "source")), this.sources));
     this.veil = veil(this.rows);
@@ -139,7 +140,8 @@ class Compare {
     this.strip.replaceChildren(strip(this.app, this.found.rows.find((s) => s.row === state.row)));
     this.table.replaceChildren(table({ rows: this.found.rows, chosen: state.row, beneath: new Set(this.layout.rows),
       onRow: (row) => this.app.set({ row }), onBeneath: (row, on) => this.beneath(row, on) }));
-    this.sources.replaceChildren(...sourcesTables(version.row_sources, version.doubts));
+    this.doubts.replaceChildren(...version.doubts.map((text) => h("p", { class: "notice", text: `${text}.` })));
+    this.sources.replaceChildren(...sourcesTables(version.row_sources));
     this.forces.of(this.found.used ? "" : `api/forces/${state.version}/${encodeURIComponent(state.run)}`);
     this.arrange();
     void this.fetch();

@@ -79,13 +79,11 @@ export function table({ rows, chosen, beneath, onRow, onBeneath }) {
  * Which rows are measured, derived, assumed or impossible, and what would have to be added; below, what channels that
  * are not measured are taken from, and what is assumed.
  * @param {Array<{head: Array<string>, lines: Array<Array<string>>}>} sources
- * @param {Array<string>} doubts what is said of all values: of a scale that is hardly known, of values that no car has
  * @returns {Array<HTMLElement>}
  */
-export function sourcesTables(sources, doubts) {
+export function sourcesTables(sources) {
   if (!sources.length) return [h("p", { class: "muted", text: "Versions made from now on show it." })];
-  const note = doubts.map((text) => h("p", { class: "notice", text: `${text}.` }));
-  return [...note, ...sources.flatMap(({ head, lines, note: below }) => {
+  return sources.flatMap(({ head, lines, note: below }) => {
     const filled = head.map((_, k) => lines.some((line) => line[k]));
     const shown = (line) => line.filter((_, k) => filled[k]);
     return [h("table", { class: "score-table" },
@@ -93,7 +91,7 @@ export function sourcesTables(sources, doubts) {
       h("tbody", null, lines.map(shown).map(([first, ...cells]) => h("tr", null,
         h("th", { scope: "row", text: first }), cells.map((text) => h("td", { class: "why", text: text || "–" })))))),
     ...(below ? [h("p", { class: "sub muted", text: below })] : [])];
-  })];
+  });
 }
 
 function percent(value) {
