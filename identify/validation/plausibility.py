@@ -293,15 +293,13 @@ def _signs(run: PreparedRun, axis: int, pairs: Mapping[str, tuple[str, str]]) ->
         keep = keep[step:] & keep[:-step]
         if len(channels) < 2 or np.count_nonzero(keep) < _LEAST:
             continue
-        turns = turned[:, keep] - np.mean(turned[:, keep], axis=1, keepdims=True)
-        most = float(np.max(np.std(turns[:2], axis=1)))
+        most = float(np.max(np.std(turned[:2, keep], axis=1)))
         difference = run.outline.corners[lower].travel - run.outline.corners[higher].travel
-        change = (difference[step:] - difference[:-step])[keep]
-        others = np.delete(turns, axis, axis=0).T
-        pair = np.stack([change - np.mean(change), turns[axis]], axis=1)
-        x, y = np.asarray(pair - others @ np.linalg.lstsq(others, pair)[0], float).T
-        alike = _slope(x, y)[1] if float(np.std(turns[axis])) > _MINOR * most else 0.0
-        out[place] = (1 if alike > 0.0 else -1) if abs(alike) > max(_OPPOSITE, _SURE * math.sqrt(step / x.size)) else 0
+        change, turns = (difference[step:] - difference[:-step])[keep], turned[axis, keep]
+        alike = _slope(change, turns)[1] if float(np.std(turns)) > _MINOR * most else 0.0
+        out[place] = (
+            (1 if alike > 0.0 else -1) if abs(alike) > max(_OPPOSITE, _SURE * math.sqrt(step / turns.size)) else 0
+        )
     return out
 
 

@@ -14,7 +14,7 @@ import pytest
 from lacet.daq.channels import CORNERS
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.rig import Rig
-from lacet.daq.run import Run
+from lacet.daq.run import Run, Signal, signal_of
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.for_equations import for_equations
@@ -119,9 +119,9 @@ def with_motion_ratio(folder: Path) -> Vehicle:
     return Vehicle.load(folder / "vehicle.toml")
 
 
-def few_instruments(name: str) -> Run:
+def few_instruments(name: str, seconds: float = 20.0) -> Run:
     """A run with neither wheel loads nor attitude: travels, rates and specific force of the body are left."""
-    run = piece(name, 0.0, 20.0)
+    run = piece(name, 0.0, seconds)
     for gone in ("wheel.", "imu.attitude", "laser.fl.ground", "laser.fr.ground", "laser.rl.ground", "laser.rr.ground"):
         run = without(run, gone)
     return run
@@ -185,6 +185,49 @@ def test_a_car_that_stands_does_not_say_which_way_it_turns() -> None:
     run = changed(few_instruments("rough"), "imu.rate", "xyz", lambda values: 1e-3 * rng.standard_normal(values.shape))
     still = changed(run, "laser.*.hub", "x", lambda values: 0.3 + 1e-4 * rng.standard_normal(values.shape))
     assert implausible(drive_of(still)) == []
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_noise_of_a_few_seconds_has_no_sign(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    run = few_instruments("rough", 4.0)
+    run = changed(run, "imu.rate", "xyz", lambda values: 1e-3 * rng.standard_normal(values.shape))
+    assert (
+        implausible(drive_of(changed(run, "laser.*.hub", "x", lambda v: 0.3 + 1e-4 * rng.standard_normal(v.shape))))
+        == []
+    )
+
+
+def test_a_weak_correlation_of_the_other_sign_is_no_mistake_however_long_the_run() -> None:
+    """Links that raise the body in a turn make one; a rate reversed has one several times as large."""
+    rng, short = np.random.default_rng(5), few_instruments("rough")
+    rate = short.signals["imu.rate"]
+    loud = 4.0 * np.std(rate.values[:, 1]) * rng.standard_normal((8, len(rate.t)))
+    signals: dict[str, Signal] = {}
+    for name, one in short.signals.items():
+        t = np.concatenate([one.t + k * (one.t[-1] - one.t[0] + np.median(np.diff(one.t))) for k in range(8)])
+        values = np.tile(one.values, (8, 1))
+        if name == "imu.rate":
+            values[:, 1] = smoothed(loud.ravel()) - values[:, 1]
+        signals[name] = replace(one, t=t, values=values, flags=np.tile(one.flags, 8))
+    assert implausible(drive_of(replace(short, signals=signals))) == []
+    signals["imu.rate"] = replace(signals["imu.rate"], values=-np.tile(rate.values, (8, 1)))
+    assert implausible(drive_of(replace(short, signals=signals))) != []
+
+
+def smoothed(noise: np.ndarray) -> np.ndarray:
+    """Noise as slow as the turns that are compared."""
+    return np.convolve(noise, np.ones(50) / np.sqrt(50), "same")
+
+
+def test_instruments_that_never_measure_together_are_not_compared() -> None:
+    run = few_instruments("rough")
+    signals: dict[str, Signal] = {}
+    for name, one in run.signals.items():
+        late = (np.arange(len(one.t)) > len(one.t) // 2)[:, None]
+        values = np.where(late if name.startswith("imu") else ~late, np.nan, one.values)
+        signals[name] = signal_of(name, one.t, values)
+    assert implausible(drive_of(replace(run, signals=signals))) == []
 
 
 @pytest.mark.parametrize("name", ["sine", "liftoff"])
