@@ -44,8 +44,6 @@ its wheels, whatever road or manoeuvre turns it, so that more noise makes it sma
 _MINOR: Final = 0.1
 """Part of the roll that a pitch is at least, and the reverse, to be compared with travels: links that raise the body in
 a turn, which is no spring's doing, turn it less about the other axis."""
-_SURE: Final = 4.0
-"""Size of that correlation in standard deviations of two series of noise: 1 in 16,000 by chance."""
 _STEP: Final = 0.2
 """Time step over which attitude and travels are compared with the integral of the rates [s]."""
 _LEAST: Final = 30
@@ -297,9 +295,7 @@ def _signs(run: PreparedRun, axis: int, pairs: Mapping[str, tuple[str, str]]) ->
         difference = run.outline.corners[lower].travel - run.outline.corners[higher].travel
         change, turns = (difference[step:] - difference[:-step])[keep], turned[axis, keep]
         alike = _slope(change, turns)[1] if float(np.std(turns)) > _MINOR * most else 0.0
-        out[place] = (
-            (1 if alike > 0.0 else -1) if abs(alike) > max(_OPPOSITE, _SURE * math.sqrt(step / turns.size)) else 0
-        )
+        out[place] = (1 if alike > 0.0 else -1) if abs(alike) > _OPPOSITE else 0
     return out
 
 

@@ -109,7 +109,7 @@ def _scaling(layout: Layout) -> list[int]:
     """Places of the sheet's entries and sensor faults that act in proportion to what is known without wheel loads."""
     sheet = [place for place, entry in enumerate(layout.sheet, start=layout.model) if scales_all(*entry[:2])]
     faults = [trial for trial in layout.trials if trial.effect.as_fault is not None]
-    return sheet
+    return sheet + [t.place.start for t in faults if any(scales_all(*entry) for entry in t.effect.sheet_entries)]
 
 
 def columns_of(
