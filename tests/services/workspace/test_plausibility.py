@@ -220,6 +220,7 @@ def smoothed(noise: np.ndarray) -> np.ndarray:
     return np.convolve(noise, np.ones(50) / np.sqrt(50), "same")
 
 
+@pytest.mark.filterwarnings("error")
 def test_instruments_that_never_measure_together_are_not_compared() -> None:
     run = few_instruments("rough")
     signals: dict[str, Signal] = {}
