@@ -39,8 +39,8 @@ _LIGHT: Final = 2.0
 _CORNERS: Final = 0.5
 """Lateral acceleration from which the roll of the body is compared with it [m/s², 1 σ]."""
 _OPPOSITE: Final = 0.3
-"""Correlation, of either sign, from which the body's turns belong to its travels: springs turn the body back towards
-its wheels, whatever road or manoeuvre turns it, so that more noise makes it smaller, but never the other sign."""
+"""Correlation, negative, from which the body turns against its travels at both axles, or on both sides: noise makes it
+smaller, and sound runs have less of this sign."""
 _MINOR: Final = 0.1
 """Part of the roll that a pitch is at least, and the reverse, to be compared with travels: links that raise the body in
 a turn, which is no spring's doing, turn it less about the other axis."""
@@ -268,23 +268,34 @@ def _steering(run: PreparedRun) -> Iterator[Doubt]:
 def _tilting(run: PreparedRun) -> Iterator[Doubt]:
     if "imu.rate" not in run.recording.signals.value:
         return
-    signs = {
-        Symptom.ROLL_RATE_SIGN: _signs(run, 0, {"front": ("fr", "fl"), "rear": ("rr", "rl")}),
-        Symptom.PITCH_RATE_SIGN: _signs(run, 1, {"left": ("fl", "rl"), "right": ("fr", "rr")}),
-    }
-    against = {symptom: [at for at, sign in of.items() if sign < 0] for symptom, of in signs.items()}
-    agrees = {symptom: any(sign > 0 for sign in of.values()) for symptom, of in signs.items()}
-    if all(against.values()) and not any(agrees.values()):
+    roll = _turning_with(run, 0, {"front": ("fr", "fl"), "rear": ("rr", "rl")})
+    pitch = _turning_with(run, 1, {"left": ("fl", "rl"), "right": ("fr", "rr")})
+    against = [len(of) == 2 and all(alike < -_OPPOSITE for alike in of.values()) for of in (roll, pitch)]
+    if all(against):
         yield Doubt(Symptom.TRAVEL_SIGN)
         return
-    for symptom, places in against.items():
-        if places:
-            yield Doubt(symptom, tuple(places) if agrees[symptom] else ())
+    force, usable = _accel(run), _usable(run, "imu.accel")
+    for symptom, of, whole, axis in (
+        (Symptom.ROLL_RATE_SIGN, roll, against[0], 1), (Symptom.PITCH_RATE_SIGN, pitch, against[1], 0)
+    ):  # fmt: skip
+        if whole:
+            yield Doubt(symptom)
+        elif (
+            force is not None
+            and float(np.std(force[axis, usable])) > _CORNERS
+            and max(of.values(), default=0.0) > _ALIKE
+        ):
+            yield from (Doubt(symptom, (place,)) for place, alike in of.items() if alike < -_ALIKE)
 
 
-def _signs(run: PreparedRun, axis: int, pairs: Mapping[str, tuple[str, str]]) -> dict[str, int]:
-    """Sign by which the body turns with the difference of two travels, by pair; 0 where none shows."""
-    step, turned, out = _step(run), _turned(run), dict[str, int]()
+def _turning_with(run: PreparedRun, axis: int, pairs: Mapping[str, tuple[str, str]]) -> dict[str, float]:
+    """Correlation of the body's turns with the difference of two travels, by pair; 0 where it hardly turns.
+
+    Springs turn the body back towards its wheels. Of two pairs the weighted sum is positive on any road, so that not
+    both are negative; one of them is where a rig lifts the wheels of one axle, or of both against each other, but not
+    in a manoeuvre.
+    """
+    step, turned, out = _step(run), _turned(run), dict[str, float]()
     for place, (lower, higher) in pairs.items():
         channels = [name for c in (lower, higher) for name in _travels(run, c)[:1]]
         keep = _usable(run, "imu.rate", *channels)
@@ -294,8 +305,7 @@ def _signs(run: PreparedRun, axis: int, pairs: Mapping[str, tuple[str, str]]) ->
         most = float(np.max(np.std(turned[:2, keep], axis=1)))
         difference = run.outline.corners[lower].travel - run.outline.corners[higher].travel
         change, turns = (difference[step:] - difference[:-step])[keep], turned[axis, keep]
-        alike = _slope(change, turns)[1] if float(np.std(turns)) > _MINOR * most else 0.0
-        out[place] = (1 if alike > 0.0 else -1) if abs(alike) > _OPPOSITE else 0
+        out[place] = _slope(change, turns)[1] if float(np.std(turns)) > _MINOR * most else 0.0
     return out
 
 
