@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from lacet.identify.chains.weights import ENOUGH
@@ -29,6 +31,27 @@ _SHORTEST = 4.0 * EDGE
 def enough_seconds(values: int, cutoff: float) -> float:
     """Length of a record [s] in which every joint has `ENOUGH` equations beyond so many values, up to `cutoff` [Hz]."""
     return (2.0 * EDGE + (values + ENOUGH) / _EQUATIONS) / cutoff
+
+
+@dataclass(frozen=True)
+class FewEquations:
+    """A record with few equations beside the values sought.
+
+    `seconds` : its length; `equations` up to the `cutoff` [Hz]; `values` : sought of them.
+    """
+
+    seconds: float
+    equations: int
+    cutoff: float
+    values: int
+
+    def __str__(self) -> str:
+        """What it is, and what a reader can do."""
+        needed = enough_seconds(self.values, self.cutoff)
+        return (
+            f"a record of {self.seconds:.3g} s has {self.equations} equations up to {self.cutoff:.3g} Hz for "
+            f"{self.values} values: record {needed:.0f} s or more, or fit to a higher cut-off (cutoff=…)"
+        )
 
 
 def default_cutoff(q: Array, rate: float, values: int) -> float:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lacet.daq.errors import NotIdentifiable, nearest
 from lacet.daq.expressions.expression import Expression
-from lacet.identify.chains.cutoffs import enough_seconds
+from lacet.identify.chains.cutoffs import FewEquations
 from lacet.identify.chains.model import ChainModel
 from lacet.identify.chains.samples import JointSamples
 from lacet.identify.chains.weights import ALONE, second_weights, serial_quantile, solved_together, student
@@ -235,8 +235,9 @@ def _solved(
     joints = range(y.shape[1])
     weighted = [W[used[:, k], k] / (float(np.std(y[used[:, k], k])) or 1.0) for k in joints]
     seen = find_base(np.concatenate(weighted), names, _UNSEEN).independent
-    if np.count_nonzero(used) <= len(seen):
-        raise NotIdentifiable(too_few(used, len(seen), *record))
+    few = FewEquations(record[0], int(np.count_nonzero(used)), record[1], len(seen))
+    if few.equations <= few.values:
+        raise NotIdentifiable(str(few))
     W_seen = W[:, :, seen]
     weights = np.ones_like(y)
     found = solved_together(W_seen, y, used, weights)
@@ -249,7 +250,7 @@ def _solved(
         k = int(np.argmin(found.freedom))
         joint = model.chain.names[model.chain.coupling.free[k] - 1]
         raise NotIdentifiable(
-            f"{too_few(used, len(seen), *record)}. The fit goes through all {np.count_nonzero(used[:, k])} equations "
+            f"{few}. The fit goes through all {np.count_nonzero(used[:, k])} equations "
             f"of {joint}, so that they do not show its noise"
         )
     residual = np.where(used, y - W_seen @ found.x, 0.0)
@@ -273,11 +274,3 @@ def _solved(
         model, base, unseen, every, placed(at_least(serial, bread)), placed(bread), found.sigma, found.freedom,
         placed(found.shares), placed(serial), *record, W, y, used, weights, t,
     )  # fmt: skip
-
-
-def too_few(used: NDArray[np.bool_], values: int, seconds: float, cutoff: float) -> str:
-    """What a reader can do about equations that are few beside the values sought."""
-    return (
-        f"a record of {seconds:.3g} s has {np.count_nonzero(used)} equations up to {cutoff:.3g} Hz for {values} "
-        f"values: record {enough_seconds(values, cutoff):.0f} s or more, or fit to a higher cut-off (cutoff=…)"
-    )

@@ -8,7 +8,8 @@ import numpy as np
 
 from lacet.identify.chains.doubts import Doubts
 from lacet.identify.chains.effects import JointEffect, StribeckFriction
-from lacet.identify.chains.fit import ChainEstimate, ChainFit, too_few
+from lacet.identify.chains.cutoffs import FewEquations
+from lacet.identify.chains.fit import ChainEstimate, ChainFit
 from lacet.identify.chains.ranking import ChainRanking, JointAnswer
 from lacet.identify.chains.scores import JointScore
 from lacet.identify.chains.verdicts import ChainVerdict, failing_joints, verdict_of
@@ -90,8 +91,8 @@ def fit_head(fitted: ChainFit, cutoff: float, doubts: Doubts) -> str:
     )
     if fitted.unseen:
         said += f"; this motion does not determine {', '.join(fitted.unseen)}"
-    few = [too_few(fitted.used, len(fitted.estimates), fitted.seconds, fitted.cutoff)] if doubts.few else []
-    return _sentences([said, *few, *_doubts(doubts)])
+    few = FewEquations(fitted.seconds, int(fitted.used.sum()), fitted.cutoff, len(fitted.estimates))
+    return _sentences([said, *([str(few)] if doubts.few else []), *_doubts(doubts)])
 
 
 def _sentences(parts: Sequence[str]) -> str:
