@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lacet.identify.chains.cutoffs import FewEquations
 from lacet.identify.chains.doubts import Doubts
 from lacet.identify.chains.effects import JointEffect, StribeckFriction
-from lacet.identify.chains.cutoffs import FewEquations
 from lacet.identify.chains.fit import ChainEstimate, ChainFit
 from lacet.identify.chains.ranking import ChainRanking, JointAnswer
 from lacet.identify.chains.scores import JointScore
