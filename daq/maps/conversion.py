@@ -109,8 +109,7 @@ class Conversion:
         for assembly in self.assemblies:
             found = assembly.feed(made, last)
             if found is not None:
-                if len(found.t):
-                    self._made.add(found.channel)
+                self._made.add(found.channel)
                 yield found
 
     def _series(
@@ -203,9 +202,7 @@ class Conversion:
                 own = name if several[name] == 1 else f"{source.path.stem}.{name}"
                 self._places[own] = (at, name)
         units = {own: self.sources[at].listed[name].unit for own, (at, name) in self._places.items()}
-        in_full = {
-            full: name for source in self.sources for full, name in source.in_full().items() if several[name] == 1
-        }
+        in_full = {full: name for source in self.sources for full, name in source.in_full().items()}
         found = resolved(self.map, units, in_full)
         lacking = [f"{name} was left out: {why}" for name, why in found.lacking.items()]
         self.assemblies = [Assembly(*one) for one in found.recipes]

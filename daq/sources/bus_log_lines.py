@@ -41,7 +41,7 @@ class CandumpLines(io.StringIO):
             if found is None:
                 if line.endswith("\n") and line.strip():
                     self._leave_out(number, line.strip())
-            elif line.endswith("\n") and not (len(found[1]) == 8 and int(found[1], 16) & _ERROR):
+            elif line.endswith("\n") and not int(found[1], 16) & _ERROR:
                 yield line
 
     def _leave_out(self, number: int, line: str) -> None:

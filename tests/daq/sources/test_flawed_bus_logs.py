@@ -41,8 +41,8 @@ def drive() -> list[str]:
     return out
 
 
-def imported(folder: Path, lines: list[str]) -> Run:
-    (folder / "car.dbc").write_text(DBC, encoding="utf-8")
+def imported(folder: Path, lines: list[str], dbc: str = DBC) -> Run:
+    (folder / "car.dbc").write_text(dbc, encoding="utf-8")
     (folder / "drive.log").write_text("\n".join(lines) + "\n", encoding="utf-8")
     return open_run(folder / "drive.log", ChannelMap.parse(MAP, "map", folder))
 
@@ -61,6 +61,25 @@ def test_lines_that_are_no_frames_are_left_out_with_number_and_text(tmp_path: Pa
     frames = read_bus_log(tmp_path / "drive.log", damage)
     assert len(frames["can0"]) == 2 * COUNT
     assert said in damage
+
+
+def test_a_line_that_is_cut_off_is_told_once(tmp_path: Path) -> None:
+    """Wherever it is cut: in its data, or before there are any."""
+    whole = "\n".join(drive())
+    for cut in (3, 20, 30):
+        (tmp_path / "drive.log").write_text(whole[: whole.rindex("\n") + 1 + cut], encoding="utf-8")
+        damage: list[str] = []
+        assert len(read_bus_log(tmp_path / "drive.log", damage)["can0"]) == 2 * COUNT - 1
+        assert damage == ["drive.log: its last line is not whole (cut short?), and its frame is left out"]
+
+
+def test_a_multiplexed_signal_that_was_never_sent_is_named(tmp_path: Path) -> None:
+    """Frames of its message come, with other values of the multiplexer."""
+    run = imported(
+        tmp_path, drive(), DBC.replace(" SG_ Angle :", ' SG_ Which M : 16|8@1+ (1,0) [0|0] "" X\n SG_ Angle m7 :')
+    )
+    assert list(run.signals) == ["car.speed"]
+    assert run.problems == ("steering.angle was left out: no sample of STEER.Angle is in the log",)
 
 
 def test_error_frames_are_no_message(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.wls import FitOptions, fit
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.reconstruct import Recording
+from lacet.identify.validation.noise_floor import floor_of
 from tests.identify import cars
 from tests.identify import exact_car as exact
 
@@ -175,3 +176,14 @@ def test_a_law_that_bends_brings_its_linear_part_alone_into_the_residual() -> No
     assert np.any(
         np.abs(through[:, friction] - slope * through[:, damper]) > 0.1 * np.max(np.abs(through[:, friction]))
     )
+
+
+def test_the_noise_floor_of_friction_holds_motion_that_the_pre_filter_stopped() -> None:
+    """Of 30 mm/s, which only the axle with friction has to do with; the column holds it as well."""
+    record, sigma = measured(calm(20.0), 0).recording, dict[float, dict[Row, float]]()
+    for rms in (0.0, 0.03):
+        drive = PreparedRun(record.smoothed(beyond=rms**2))
+        sigma[rms] = dict(floor_of(fit(exact.MODEL + LAW, [drive], FitOptions(draws=2)), 60).sigma)
+    ratio = {row: sigma[0.03][row] / sigma[0.0][row] for row in sigma[0.0]}
+    assert all(ratio[Row(f"suspension.{c}")] > 1.3 for c in ("fl", "fr"))
+    assert all(0.9 < ratio[Row(f"suspension.{c}")] < 1.1 for c in ("rl", "rr"))
