@@ -196,3 +196,10 @@ def test_the_unit_decides_between_an_acceleration_and_a_rate(tmp_path: Path, uni
     np.savetxt(tmp_path / "a.csv", table, "%.6f", ",", header=f"t,Gy [{unit}]", comments="")
     with opened(tmp_path / "a.csv") as source:
         assert [one.column for one in guess(source)] == [column]
+
+
+def test_a_unit_that_no_meaning_of_the_name_can_have_leaves_it_without_a_proposal(tmp_path: Path) -> None:
+    t = np.arange(0.0, 10.0, 0.01)
+    np.savetxt(tmp_path / "a.csv", np.column_stack([t, 20.0 + t]), "%.6f", ",", header="t,Speed [kg]", comments="")
+    with opened(tmp_path / "a.csv") as source:
+        assert [one.column for one in guess(source)] == [""]
