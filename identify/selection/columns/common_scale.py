@@ -21,7 +21,7 @@ from lacet.identify.regression.tolerances import ASSUMED
 def scales_all(what: str, name: str) -> bool:
     """Whether an entry of the sensor sheet, or a fault of its kind in a channel, acts in proportion to what is known.
 
-    Source: the rows of `identify.car.body_rows`, whose left sides are a known mass times specific force.
+    Source: the left sides of combined rows (`identify.car.motion.Motion.measured`), known masses times specific force.
     """
     return (what == ASSUMED and name.partition(".")[0] in SETS_SCALE) or (what, name) == ("gain", "imu.accel")
 
