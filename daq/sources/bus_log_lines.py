@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 _FRAME = re.compile(
@@ -23,20 +23,38 @@ _SHOWN = 40
 """Characters of a line that are shown."""
 
 
-class CandumpLines(io.StringIO):
+class _Lines(io.StringIO):
+    """A text log as a stream of lines for a reader of python-can, which iterates over it more than once."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._stream = path.open(encoding="utf-8", errors="replace")
+
+    def __iter__(self) -> Iterator[str]:  # type: ignore[override]
+        return self._kept(self._stream)
+
+    def _kept(self, lines: Iterable[str]) -> Iterator[str]:
+        """The lines as the reader gets them."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        self._stream.close()
+        super().close()
+
+
+class CandumpLines(_Lines):
     """A candump log read line by line, without error frames, lines that are no frames, and a last line that is cut off.
 
     `unreadable` : lines left out that are no frames; `first` : number and text of the first of them.
     """
 
     def __init__(self, path: Path) -> None:
-        super().__init__()
-        self._stream = path.open(encoding="utf-8", errors="replace")
+        super().__init__(path)
         self.unreadable = 0
         self.first = ""
 
-    def __iter__(self) -> Iterator[str]:  # type: ignore[override]
-        for number, line in enumerate(self._stream, 1):
+    def _kept(self, lines: Iterable[str]) -> Iterator[str]:
+        for number, line in enumerate(lines, 1):
             found = _FRAME.fullmatch(line)
             if found is None:
                 if line.endswith("\n") and line.strip():
@@ -48,10 +66,6 @@ class CandumpLines(io.StringIO):
         self.unreadable += 1
         self.first = self.first or f"line {number}, '{line[:_SHOWN]}{'…' if len(line) > _SHOWN else ''}'"
 
-    def close(self) -> None:
-        self._stream.close()
-        super().close()
-
     @property
     def damage(self) -> str:
         """What was left out, in words; empty for nothing."""
@@ -61,17 +75,16 @@ class CandumpLines(io.StringIO):
         return f"{are} left out, the first: {self.first}"
 
 
-class AscLines(io.StringIO):
+class AscLines(_Lines):
     """An ASC log line by line, with stamps from its start [s] also where its header says that each is from the last."""
 
     def __init__(self, path: Path) -> None:
-        super().__init__()
-        self._stream = path.open(encoding="utf-8", errors="replace")
+        super().__init__(path)
         self._relative = False
         self._time = 0.0
 
-    def __iter__(self) -> Iterator[str]:  # type: ignore[override]
-        for line in self._stream:
+    def _kept(self, lines: Iterable[str]) -> Iterator[str]:
+        for line in lines:
             if line.lstrip()[:5].lower() == "base ":
                 self._relative = "timestamps relative" in " ".join(line.lower().split())
             elif self._relative and (found := _STAMPED.fullmatch(line)):
@@ -79,7 +92,3 @@ class AscLines(io.StringIO):
                 yield f"{found[1]}{self._time:.9f}{found[3]}"
                 continue
             yield line
-
-    def close(self) -> None:
-        self._stream.close()
-        super().close()

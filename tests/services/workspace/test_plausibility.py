@@ -155,6 +155,15 @@ def test_travels_exchanged_are_told_where_no_wheel_load_tells(name: str, wheels:
     assert says in said
 
 
+def test_with_travels_at_one_axle_the_rate_may_be_at_fault_as_well() -> None:
+    run = without(few_instruments("sine"), "laser.rl", "laser.rr", "correvit")
+    run = changed(run, "imu.accel", "xy", lambda values: np.roll(values, 60, axis=0))
+    assert implausible(drive_of(run)) == []
+    for wrong in (changed(run, "imu.rate", "x", -1.0), exchanged(run, "laser.fl.hub", "laser.fr.hub")):
+        (said,) = implausible(drive_of(wrong))
+        assert said.endswith("the rate or the travels have the wrong sign, or those of left and right are exchanged")
+
+
 def test_a_rig_that_lifts_the_wheels_of_one_axle_is_no_mistake() -> None:
     """The stiffer axle turns the body with it, and the other's travels go against that; no manoeuvre is driven."""
     run = few_instruments("sine")
