@@ -15,12 +15,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.huber import SECOND, THRESHOLD
 from lacet.identify.regression.qr_accumulation import scaled_triangle, triangle
 from lacet.identify.regression.uncertainty import bandwidth
 
+_TAIL = 0.025
+"""Probability on either side of a 95 % interval."""
 _FIXED_B = (1.9600, 2.9694, 0.4160, -0.5324)
 """Coefficients of b⁰ to b³. Source: Kiefer and Vogelsang (2005), Econometric Theory 21, table 1, Bartlett, 97.5 %."""
 _LEAST = 1e-12
@@ -124,7 +125,7 @@ def student(variances: Array, freedom: Array) -> float:
     """
     total = float(np.sum(variances))
     together = total**2 / float(np.sum(variances**2 / freedom)) if total > 0.0 else np.inf
-    return float(scipy.stats.t.isf(scipy.stats.norm.sf(TWO_SIDED_95), max(1.0, together)))
+    return float(scipy.stats.t.isf(_TAIL, max(1.0, together)))
 
 
 def serial_quantile(length: int) -> float:
