@@ -99,9 +99,16 @@ class Expression:
             raise ValueError(f"'{self.text}' has no finite value")
         return out
 
-    def series(self, values: Mapping[str, NDArray[np.float64] | float], count: int) -> NDArray[np.float64]:
-        """Numerical values (count,) for series of the symbols' values, (count,) or a number."""
-        return np.asarray(_evaluate(self.tree, values, self.functions), float) * np.ones(count)
+    def series(
+        self, values: Mapping[str, NDArray[np.float64] | float], count: int,
+        functions: Mapping[str, Callable[..., Any]] | None = None,
+    ) -> NDArray[np.float64]:  # fmt: skip
+        """Numerical values (count,) for series of the symbols' values, (count,) or a number.
+
+        `functions` : in place of the expression's own, of the same names.
+        """
+        found = np.asarray(_evaluate(self.tree, values, functions or self.functions), float)
+        return np.array(np.broadcast_to(found, (count,)))
 
 
 def _before(written: str, place: int) -> int:

@@ -371,35 +371,47 @@ class SuspensionForce(AtSuspensions):
         """The law in the suspension rows of the corners acted on, or its expectation."""
         return expected_columns(self._plain, motion, self.corners(), self.bend)
 
-    def _plain(self, motion: Motion) -> dict[str, Array]:
-        parts = {c: motion.corners[c] for c in self.corners()}
-        return {f"suspension.{c}": np.atleast_2d(self.law(part.travel, part.rate)) for c, part in parts.items()}
+    def _plain(self, motions: Sequence[Motion]) -> dict[str, Array]:
+        out: dict[str, Array] = {}
+        for c in self.corners():
+            parts = [motion.corners[c] for motion in motions]
+            found = self.law(in_turn([part.travel for part in parts]), in_turn([part.rate for part in parts]))
+            out[f"suspension.{c}"] = np.atleast_2d(found)
+        return out
 
 
 def expected_columns(
-    law: Callable[[Motion], Mapping[str, Array]], motion: Motion, corners: Iterable[str], bend: Bend
+    law: Callable[[Sequence[Motion]], Mapping[str, Array]], motion: Motion, corners: Iterable[str], bend: Bend
 ) -> dict[str, Array]:
     """Expectation of a law's columns over the true travel at some corners, given the record: row → (p, N).
 
     The law itself where it does not bend, or the signals are exact. Of a law that bends with the rate, the linear part
     is taken at the measured rate: it is what a damper does, and has the noise of a damper's column. A law that is all
     but linear would else explain the noise of the rate, which the damper brings into the residual.
+
+    `law` : row → (p, K·N) columns in K motions, one after the other (`in_turn`).
     """
     given = tuple(dict.fromkeys(c for c in corners if motion.corners[c].conditional is not None))
     if bend is Bend.NOWHERE or not given:
-        return dict(law(motion))
+        return dict(law([motion]))
+    nodes = _NODES.tolist()
+    if bend is Bend.TRAVEL:
+        motions = [motion.off_expectation(given, node, 0.0) for node in nodes]
+    else:
+        usual = [motion.at_usual_rate(given, sign) for sign in (1.0, -1.0)]
+        motions = [*(motion.off_expectation(given, 0.0, node) for node in nodes), *usual]
     out: dict[str, Array] = {}
-    for node, share in zip(_NODES.tolist(), _SHARES.tolist(), strict=True):
-        travel, rate = (node, 0.0) if bend is Bend.TRAVEL else (0.0, node)
-        moved = motion.off_expectation(given, travel, rate)
-        for row, table in law(moved).items():
-            out[row] = out[row] + share * table if row in out else share * table
-    if bend is Bend.RATE:
-        fast, slow = (law(motion.at_usual_rate(given, sign)) for sign in (1.0, -1.0))
-        for row in out:
-            if (c := row.rpartition(".")[2]) in given:
-                out[row] = out[row] + _linear_part(fast[row] - slow[row], motion.corners[c])
+    for row, table in law(motions).items():
+        each = table.reshape(len(table), len(motions), -1)
+        out[row] = np.tensordot(each[:, : len(nodes)], _SHARES, (1, 0))
+        if bend is Bend.RATE and (c := row.rpartition(".")[2]) in given:
+            out[row] += _linear_part(each[:, -2] - each[:, -1], motion.corners[c])
     return out
+
+
+def in_turn(series: Sequence[Array]) -> Array:
+    """(K·N,) series in K motions, one after the other."""
+    return series[0] if len(series) == 1 else np.concatenate(series)
 
 
 def _linear_part(difference: Array, corner: CornerMotion) -> Array:

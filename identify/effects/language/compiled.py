@@ -6,7 +6,6 @@ import ast
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Any, ClassVar, NoReturn, Self, cast
 
 import numpy as np
@@ -15,7 +14,7 @@ from lacet.daq.errors import UsageError
 from lacet.daq.expressions.expression import Expression
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import Bend, Effect, Parameter, PhysicalEffect, expected_columns
+from lacet.identify.effects.base import Bend, Effect, Parameter, PhysicalEffect, expected_columns, in_turn
 from lacet.identify.effects.language.linearity import along_run
 from lacet.identify.effects.language.parser import Line, LineFault, RowLaw, read_line
 from lacet.identify.multibody.vectors import Array
@@ -76,27 +75,27 @@ class OneLine(PhysicalEffect):
         """The law's terms in the rows acted on, or their expectation. Raises UsageError where one is not finite."""
         return expected_columns(self._plain, motion, [corner for _, corner, _ in self.acted_on() if corner], self.bend)
 
-    def _plain(self, motion: Motion) -> dict[str, Array]:
+    def _plain(self, motions: Sequence[Motion]) -> dict[str, Array]:
         out: dict[str, Array] = {}
-        names = list(self.line.parameters)
-        functions = along_run(float(np.ptp(motion.t)) / max(1, motion.t.size - 1))
+        names, count = list(self.line.parameters), len(motions) * motions[0].t.size
+        functions = along_run(float(np.ptp(motions[0].t)) / max(1, motions[0].t.size - 1))
         for row, corner, law in self.acted_on():
-            values = {name: use.value(motion, corner) for name, use in law.uses.items()}
-            table = out.setdefault(row, np.zeros((len(names), motion.t.size)))
+            values = {name: in_turn([use.value(one, corner) for one in motions]) for name, use in law.uses.items()}
+            table = out.setdefault(row, np.zeros((len(names), count)))
             for name, term in law.terms.items():
                 with np.errstate(all="ignore"):
-                    part = replace(term, functions=functions).series({**values, **self.shape}, motion.t.size)
-                bad = np.flatnonzero(~np.isfinite(part))
-                if bad.size:
-                    self._refuse_not_finite(motion, row, law, values, int(bad[0]))
+                    part = term.series({**values, **self.shape}, count, functions)
+                if not np.all(finite := np.isfinite(part)):
+                    self._refuse_not_finite(motions[0], row, law, values, int(np.argmin(finite)))
                 table[names.index(name)] += part
         return out
 
     def _refuse_not_finite(self, motion: Motion, row: str, law: RowLaw, values: dict[str, Array], at: int) -> NoReturn:
         states = ", ".join(f"{n} = {values[n][at]:.4g} {use.state.unit}" for n, use in law.uses.items())
         raise UsageError(
-            f"{self.key}: {law.text} has no finite value in {row} at t = {motion.t[at]:.2f} s of {motion.name}, where "
-            f"{states or 'no state is in it'}. Write the law so that it has one there, as in /max(abs(rate), 0.01 m/s)"
+            f"{self.key}: {law.text} has no finite value in {row} at t = {motion.t[at % motion.t.size]:.2f} s of "
+            f"{motion.name}, where {states or 'no state is in it'}. Write the law so that it has one there, as in "
+            "/max(abs(rate), 0.01 m/s)"
         )
 
 

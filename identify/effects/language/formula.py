@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -45,7 +45,7 @@ class Formula:
         step = float(np.ptp(motion.t)) / max(1, motion.t.size - 1)
         values = {name: use.value(motion, "") for name, use in self.uses.items()}
         with np.errstate(all="ignore"):
-            out = replace(self.expression, functions=along_run(step)).series(values, motion.t.size)
+            out = self.expression.series(values, motion.t.size, along_run(step))
         return np.where(np.isfinite(out), out, np.nan)
 
 

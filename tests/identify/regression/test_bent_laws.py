@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +10,7 @@ import pytest
 
 from lacet.identify.car.motion import Motion
 from lacet.identify.car.rows import Row
-from lacet.identify.effects.base import Bend, SuspensionForce, expected_columns
+from lacet.identify.effects.base import Bend, SuspensionForce, expected_columns, in_turn
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
@@ -83,9 +83,9 @@ def test_the_expectation_is_the_mean_over_the_conditional_distribution(
     assert corner.conditional is not None
     given, rng = corner.conditional, np.random.default_rng(0)
 
-    def columns(at: Motion) -> dict[str, Array]:
-        found = at.corners["fl"]
-        return {"suspension.fl": law(found.travel, found.rate)[None]}
+    def columns(at: Sequence[Motion]) -> dict[str, Array]:
+        found = [one.corners["fl"] for one in at]
+        return {"suspension.fl": np.concatenate([law(one.travel, one.rate) for one in found])[None]}
 
     expected = expected_columns(columns, motion, ["fl"], bend)["suspension.fl"][0]
     drawn = np.zeros((2000, expected.size))
@@ -108,8 +108,8 @@ def test_a_law_that_hardly_bends_is_a_damper() -> None:
     """Noise in it too: a column with the rate's noise smoothed away would explain the noise of the damper's."""
     motion = measured(calm(8.0), 0).motion
 
-    def columns(at: Motion) -> dict[str, Array]:
-        return {"suspension.fl": 5.0 * np.tanh(at.corners["fl"].rate / 5.0)[None]}
+    def columns(at: Sequence[Motion]) -> dict[str, Array]:
+        return {"suspension.fl": 5.0 * np.tanh(in_turn([one.corners["fl"].rate for one in at]) / 5.0)[None]}
 
     corner = motion.corners["fl"]
     assert corner.conditional is not None
@@ -123,15 +123,16 @@ def test_laws_that_bend_share_the_motions_off_the_expected_one() -> None:
     motion = measured(calm(8.0), 0).motion
     before = motion.corners["fl"].rate.copy()
 
-    def columns(at: Motion) -> dict[str, Array]:
-        return {f"suspension.{c}": np.tanh(at.corners[c].rate / 0.002)[None] for c in ("fl", "fr")}
+    def columns(at: Sequence[Motion]) -> dict[str, Array]:
+        rates = {c: in_turn([one.corners[c].rate for one in at]) for c in ("fl", "fr")}
+        return {f"suspension.{c}": np.tanh(rate / 0.002)[None] for c, rate in rates.items()}
 
     right = expected_columns(columns, motion, ["fr"], Bend.RATE)
     both = expected_columns(columns, motion, ["fl", "fr"], Bend.RATE)
     left = expected_columns(columns, motion, ["fl"], Bend.RATE)
     np.testing.assert_array_equal(both["suspension.fr"], right["suspension.fr"])
     np.testing.assert_array_equal(both["suspension.fl"], left["suspension.fl"])
-    np.testing.assert_allclose(right["suspension.fl"], columns(motion)["suspension.fl"], rtol=1e-14)  # fl as measured
+    np.testing.assert_allclose(right["suspension.fl"], columns([motion])["suspension.fl"], rtol=1e-14)  # fl as measured
     assert np.any(np.abs(left["suspension.fl"] - right["suspension.fl"]) > 1e-3)
     np.testing.assert_array_equal(motion.corners["fl"].rate, before)
     moved = motion.off_expectation(("fl", "fr"), 0.0, 1.5)
