@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from lacet.daq.blocks import Block
 from lacet.daq.formats.log import LogReader, LogWriter
 from lacet.daq.frames import Frames
+from lacet.daq.pauses import Stamps
 from lacet.services.acquisition.stream_decoder import Decoder
 
 WINDOW_NS = 100_000_000
@@ -69,6 +70,8 @@ class LogDecoder:
         self._late_samples = 0
         self.samples: dict[str, int] = {}
         """Number of samples by channel."""
+        self.stamps: dict[str, Stamps] = defaultdict(Stamps)
+        """Stamps of each channel [s], from the first frame on."""
         self.last_ns = 0
         """Latest stamp of a frame [ns]."""
 
@@ -103,6 +106,7 @@ class LogDecoder:
         for block in blocks:
             name, windows = block.channel, self._open[True, block.channel]
             self.samples[name] = self.samples.get(name, 0) + len(block)
+            self.stamps[name].add((block.t_ns - self._span[0]) / 1e9)
             numbers = windows.number(block.t_ns)
             late = int(np.searchsorted(numbers, self._front))
             for begin, end in pairwise(_edges(numbers[:late])):

@@ -105,6 +105,8 @@ def _report(found: dict[str, Any]) -> None:
         print(f"{source}: {causes['received']:,} frames; {text or 'nothing decoded'}")
     for name in found["absent"]:
         print(f"{name}: no samples came")
+    for line in found["notes"]:
+        print(line)
     lost = sum(sum(causes.values()) for causes in found["losses"].values())
     samples = found["samples"]
     print(f"{found['log']}: {sum(samples.values()):,} samples of {len(samples)} channels, {lost:,} lost")

@@ -20,6 +20,7 @@ from lacet.services.acquisition.log_decoder import Late, LogDecoder
 from lacet.services.acquisition.own_drivers import OwnDrivers
 from lacet.services.acquisition.stream_decoder import Decoder, closing_record
 from lacet.services.progress import Progress, ServiceStage, ServiceStep, Stretch
+from lacet.services.render.pauses import pause_lines
 from lacet.services.timing.usual import stretch
 
 
@@ -81,6 +82,7 @@ def decode_log(
         "losses": decoder.losses(),
         "absent": [name for name in decoder.channels if name not in log.samples],
         "damage": _damage(reader),
+        "notes": pause_lines({name: stamps.found for name, stamps in log.stamps.items()}),
     }
 
 

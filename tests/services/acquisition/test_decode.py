@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -237,6 +238,18 @@ def test_a_channel_that_never_came_is_said(tmp_path: Path, frames: list[Frames],
     path = record(tmp_path / "raw.mcap", [batch for batch in frames if batch.source != "udp0"])
     assert main(["decode", str(path), "-o", str(tmp_path / "run.mcap")]) == 3
     assert "camera.fl.steer: no samples came" in capsys.readouterr().out
+
+
+def test_a_bus_without_frames_for_a_while_is_said(
+    tmp_path: Path, frames: list[Frames], capsys: pytest.CaptureFixture[str]
+):
+    """A cable that was loose from 0.8 to 1.2 s: the bus's channels alone, and those of one pause together."""
+    around = [f if f.source != "udp0" else Frames.concat("udp0", [f[:80], f[120:]]) for f in frames]
+    raw, result = record(tmp_path / "raw.mcap", around), tmp_path / "r.json"
+    main(["decode", str(raw), "-o", str(tmp_path / "run.mcap"), "--json", str(result)])
+    (note,) = json.loads(result.read_text(encoding="utf-8"))["notes"]
+    assert re.fullmatch(r"no samples of (camera\.\S+,? ){3}and \d+ more from 0\.\d+ to 1\.\d+ s", note)
+    assert note in capsys.readouterr().out
 
 
 def test_a_cut_capture_is_decoded_as_far_as_it_goes(capture: Path, tmp_path: Path):
