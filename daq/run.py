@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.daq.angles import ContinuousAngle
 from lacet.daq.blocks import UNUSABLE, Flag
 from lacet.daq.channels import CHANNELS, STANDARD
 from lacet.daq.set_aside import DiskSpace
@@ -17,7 +18,7 @@ from lacet.daq.set_aside import DiskSpace
 METADATA_KEYS = ("vehicle", "manoeuvre", "rig", "wheel_reference", "brakes", "notes")
 """What is declared of a run beside its channels."""
 UNWRAPPED = ("wheel.angle", "imu.attitude", "gnss.course")
-"""Families of angles that are made continuous on reading."""
+"""Families of angles that are made continuous on reading (`daq.angles`)."""
 BRAKES = ("off", "used", "unknown")
 HELD = 50_000_000
 """Largest size of a run's values that are held in memory while its equations are formed [bytes]: about ten minutes
@@ -45,14 +46,14 @@ class Signal:
 def signal_of(
     channel: str, t: NDArray[np.float64], values: NDArray[np.float64], flags: NDArray[np.uint8] | None = None
 ) -> Signal:
-    """A signal from raw values (N, k): NaN and infinities flagged as missing, angles unwrapped over usable samples."""
+    """A signal from raw values (N, k): NaN and infinities flagged as missing, angles continuous over usable samples."""
     flags = np.zeros(len(t), np.uint8) if flags is None else flags.copy()
     bad = ~np.all(np.isfinite(values), axis=1)
     flags[bad & (flags == 0)] |= np.uint8(Flag.MISSING)
     out = Signal(t, values, flags)
     if CHANNELS[channel].family in UNWRAPPED and np.any(out.usable):
         values = values.copy()
-        values[out.usable] = np.unwrap(values[out.usable], axis=0)
+        values[out.usable] = ContinuousAngle().add(values[out.usable])
         out = Signal(t, values, flags)
     return out
 

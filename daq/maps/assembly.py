@@ -13,6 +13,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from lacet.daq.angles import ContinuousAngle
 from lacet.daq.blocks import UNUSABLE, Flag
 from lacet.daq.channels import Channel
 from lacet.daq.maps.channel_map import Mapped
@@ -112,7 +113,7 @@ class Assembly:
     interpolated: bool = False
     """Whether a component had other stamps than the first and was interpolated."""
     _held: dict[Key, _Held] = field(default_factory=dict)
-    _last: Array | None = None
+    _angle: ContinuousAngle = field(default_factory=ContinuousAngle)
 
     def __post_init__(self) -> None:
         self.series: list[Key] = list(dict.fromkeys(key for keys in self.keys for key in keys.values()))
@@ -191,10 +192,7 @@ class Assembly:
         if self.channel.family not in UNWRAPPED:
             return values
         good = np.all(np.isfinite(values), axis=1)
-        before = [] if self._last is None else [self._last[None]]
-        if good.any():
-            turned = np.unwrap(np.concatenate([*before, values[good]]), axis=0)[len(before) :]
-            values[good], self._last = turned, turned[-1]
+        values[good] = self._angle.add(values[good])
         return values
 
 

@@ -13,6 +13,7 @@ from enum import Enum
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from lacet.daq.angles import ContinuousAngle
 from lacet.daq.channels import CHANNELS
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run, Signal
@@ -194,11 +195,11 @@ def _level(sensor: str, family: str, sheet: float, signals: dict[str, list[Signa
 def _band(channel: str, signal: Signal, band: tuple[float, float]) -> Array:
     """Variance of white noise with the band's density, (segments, k), for stretches of `_SEGMENT` samples.
 
-    Angles may come wrapped, as a log holds them.
+    Angles may come cut off at full turns, as a log holds them.
     """
     values = signal.values[signal.usable]
     if CHANNELS[channel].unit == "rad":
-        values = np.unwrap(values, axis=0)
+        values = ContinuousAngle().add(values)
     return _band_variance(values, band)
 
 

@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lacet.daq.angles import ContinuousAngle
 from lacet.daq.blocks import Flag
 from lacet.daq.channels import CHANNELS, COLUMNS
 from lacet.daq.errors import RunError
@@ -81,6 +82,22 @@ def test_angles_are_unwrapped(steps: list[float], channel: str) -> None:
     assert np.all(np.abs(np.diff(out, axis=0)) <= np.pi + 1e-9)
     turns = (out - values) / (2 * np.pi)
     np.testing.assert_allclose(turns, np.rint(turns), atol=1e-9)
+
+
+@pytest.mark.parametrize("pieces", [1, 7])
+def test_an_angle_that_counts_its_turns_is_believed(pieces: int) -> None:
+    """More than half a turn between samples, and a pause of two seconds; a damaged sample of another is no turn."""
+    t = np.delete(np.arange(400) / 20.0, slice(150, 190))
+    counted = np.column_stack([80.0 * t, np.angle(np.exp(10j * t))])
+    counted[60, 1] = 300.0
+    angle = ContinuousAngle()
+    out = np.concatenate([angle.add(piece) for piece in np.array_split(counted, pieces)])
+    np.testing.assert_array_equal(out[:, 0], counted[:, 0])
+    off = (out[:, 1] - 10.0 * t) / (2 * np.pi)
+    whole = np.delete(off, 60)
+    np.testing.assert_allclose(whole, np.rint(whole), atol=1e-9)
+    assert np.all(np.abs(np.diff(np.delete(out[:, 1], slice(59, 62))[:140])) < np.pi)
+    np.testing.assert_array_equal(signal_of("wheel.fl.angle", t, counted[:, :1]).values, counted[:, :1])
 
 
 def table(**columns: list[float]) -> dict[str, list[float]]:
