@@ -14,6 +14,7 @@ import numpy as np
 from lacet.daq.channels import COLUMNS
 from lacet.daq.maps.behaviour import RATE, Car, on_grid
 from lacet.daq.maps.channel_map import FORMAT
+from lacet.daq.maps.name_units import unit_at_end
 from lacet.daq.maps.names import written_name
 from lacet.daq.maps.resolution import ALONE
 from lacet.daq.maps.words import Meaning, meanings
@@ -87,8 +88,7 @@ def guess(source: Source) -> list[Guess]:
         one = series.get(name)
         if one is None or not len(one.t):
             continue
-        possible = [(_quantity(about, meaning, one), meaning) for meaning in meanings(name)]
-        found, meaning = max(possible, key=lambda claim: claim[0].probability, default=(about, None))
+        found, meaning = max(_possible(about, one), key=lambda claim: claim[0].probability, default=(about, None))
         if meaning is not None and found.probability > 0.0:
             claims.setdefault(found.column, []).append((found.probability, found, meaning))
     chosen: dict[str, tuple[Guess, Meaning]] = {}
@@ -156,16 +156,26 @@ def _described(name: str, unit: str, series: Series | None) -> Guess:
     return Guess(name, unit, rate, float(np.nanmin(series.values)), float(np.nanmax(series.values)))
 
 
-def _quantity(about: Guess, meaning: Meaning, series: Series) -> Guess:
-    """The guess with the unit that fits and the probability of the quantity, 0 where it cannot be."""
+def _possible(about: Guess, series: Series) -> list[tuple[Guess, Meaning]]:
+    """What a name could mean; one without a unit in the log also without the unit that it may end in."""
+    named = None if about.unit else unit_at_end(about.name)
+    if named is not None:
+        pairs = [(_quantity(about, meaning, series, named[1]), meaning) for meaning in meanings(named[0])]
+        if fitting := [pair for pair in pairs if pair[0].probability > 0.0]:
+            return fitting
+    return [(_quantity(about, meaning, series, about.unit), meaning) for meaning in meanings(about.name)]
+
+
+def _quantity(about: Guess, meaning: Meaning, series: Series, stated: str) -> Guess:
+    """The guess in the unit `stated`, or in the one that fits, and the probability of the quantity, 0 if impossible."""
     channel, component = COLUMNS[meaning.column]
     part = f".{channel.components[component]}" if channel.components else ""
     low, high, tried = _SIZES.get(channel.family + part, _SIZES.get(channel.family, (0.0, np.inf, (channel.unit,))))
     size = float(np.nanpercentile(np.abs(series.values), 95)) if np.isfinite(series.values).any() else 0.0
     written = written_name(about.name)
-    probability, expression, said = meaning.words, written, ""
+    probability, expression, said = meaning.words, written, "" if about.unit else stated
     try:
-        unit = read_unit(about.unit) if about.unit else None
+        unit = read_unit(stated) if stated else None
     except UnitFault:
         unit, probability = None, probability * _UNKNOWN_UNIT
     if unit is not None:

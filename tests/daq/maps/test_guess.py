@@ -203,3 +203,18 @@ def test_a_unit_that_no_meaning_of_the_name_can_have_leaves_it_without_a_proposa
     np.savetxt(tmp_path / "a.csv", np.column_stack([t, 20.0 + t]), "%.6f", ",", header="t,Speed [kg]", comments="")
     with opened(tmp_path / "a.csv") as source:
         assert [one.column for one in guess(source)] == [""]
+
+
+@pytest.mark.parametrize(("name", "column", "unit"), [
+    ("Lenkwinkel_HL_deg", "camera.rl.steer", "deg"), ("Geschw_quer_kmph", "correvit.speed.y", "km/h"),
+    ("yaw_rate_deg_s", "imu.rate.z", "deg/s"), ("Fz_FL_N", "wheel.fl.force.z", "N"),
+    ("Accel Y [g]", "imu.accel.y", "g"), ("Drehzahl.VL.1pmin", "wheel.fl.speed", "1/min"),
+    ("Raddrehzahl_VR_Rad", "wheel.fr.speed", "rad/s"), ("My_FR_n", "wheel.fr.moment.y", "kN·m"),
+])  # fmt: skip
+def test_a_name_may_end_in_its_unit(tmp_path: Path, name: str, column: str, unit: str) -> None:
+    """Also where the values would fit another better; a wheel at the end and a small letter are no unit."""
+    t = np.arange(0.0, 10.0, 0.01)
+    np.savetxt(tmp_path / "a.csv", np.column_stack([t, 0.3 * np.sin(t)]), "%.6f", ",", header=f"t,{name}", comments="")
+    with opened(tmp_path / "a.csv") as source:
+        (one,) = guess(source)
+    assert (one.column, one.said_unit or one.unit) == (column, unit)
