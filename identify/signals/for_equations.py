@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from lacet.daq.channels import CHANNELS, CORNERS
-from lacet.daq.rig import Rig
+from lacet.daq.rig import DEFAULT_TOLERANCE, Rig, Sensor
 from lacet.daq.run import ChosenSignals, Run, Signal
 from lacet.daq.vehicle import Corner, Vehicle
 from lacet.identify.multibody.vectors import Array
@@ -25,6 +26,8 @@ STAND_INS: dict[str, tuple[str, ...]] = {
 
 _ABOVE_CENTRE = (0.0, 0.0, 0.3)
 """Mount of a corner's lasers from its wheel centre where the rig gives none [m]."""
+_OF_A_CHANNEL = ("zero", "gain", "drift")
+"""Entries of the sensor sheet for each channel."""
 _TRAVEL = ("suspension.{c}.travel", "damper.{c}.travel")
 _SPEED = ("correvit.speed", "car.speed", "gnss.speed")
 
@@ -47,12 +50,12 @@ def stands_in_for(channel: str) -> tuple[str, ...]:
     return tuple(name for name, others in named.items() if channel in [other.format(c=corner) for other in others])
 
 
-def for_equations(run: Run, vehicle: Vehicle, rig: Rig) -> Run:
+def for_equations(run: Run, vehicle: Vehicle, rig: Rig) -> tuple[Run, Rig]:
     """The run with the channels of its equations only, those that stand in for one that is not measured included.
 
     A corner with measured travel and without a hub laser gets the hub laser's values: the height of its mount above the
-    wheel centre at design height, less the travel. A potentiometer on the damper stands in where the vehicle file has a
-    motion ratio.
+    wheel centre at design height, less the travel; and the rig has the sensor of that travel as this laser's, with its
+    latency, noise and tolerances. A potentiometer on the damper stands in where the vehicle file has a motion ratio.
     """
     names = dict.fromkeys(name for name in run.signals if not CHANNELS[name].recorded_only)
     for pattern, others in STAND_INS.items():
@@ -60,19 +63,52 @@ def for_equations(run: Run, vehicle: Vehicle, rig: Rig) -> Run:
             if pattern.format(c=c) not in run.signals:
                 there = [name for other in others if (name := other.format(c=c)) in run.signals]
                 names |= dict.fromkeys(there[:1])
-    made: dict[str, Signal] = {}
+    travels: dict[str, str] = {}
     for corner in CORNERS:
         hub, travel, damper = f"laser.{corner}.hub", f"suspension.{corner}.travel", f"damper.{corner}.travel"
         if hub in names:
             continue
         if travel in run.signals:
-            signal = run.signals[travel]
-            made[hub] = replace(signal, values=design_reading(rig, vehicle.corners[corner]) - signal.values)
+            travels[travel] = hub
         elif damper in run.signals and vehicle.assumption("motion_ratio", corner).given:
             names[damper] = None
-    if not made and names.keys() == run.signals.keys():
-        return run
-    return replace(run, signals=ChosenSignals(run.signals, list(names), made))
+    rig = with_travel_as_laser(rig, travels)
+    made: dict[str, Signal] = {}
+    for travel, hub in travels.items():
+        signal, corner = run.signals[travel], vehicle.corners[CHANNELS[hub].corner or ""]
+        made[hub] = replace(signal, values=design_reading(rig, corner) - signal.values)
+    if made or names.keys() != run.signals.keys():
+        run = replace(run, signals=ChosenSignals(run.signals, list(names), made))
+    return run, rig
+
+
+def with_travel_as_laser(rig: Rig, travels: Mapping[str, str]) -> Rig:
+    """The rig with the sensors of `travels` as those of the hub lasers that they stand in for, travel → laser."""
+    measured = {travel: hub for travel, hub in travels.items() if rig.sensor_of(travel) is not None}
+    sensors = (
+        replace(one, channels=tuple(name for name in one.channels if name not in measured.values()))
+        for one in rig.sensors
+    )
+    return replace(rig, sensors=tuple(_as_laser(one, measured) for one in sensors)) if measured else rig
+
+
+def _as_laser(sensor: Sensor, travels: Mapping[str, str]) -> Sensor:
+    """A sensor with its travels as hub lasers. The mount is that of the corner's lasers, unless it has one itself."""
+    if not travels.keys() & set(sensor.channels):
+        return sensor
+    entries = {f"laser.hub.{what}": DEFAULT_TOLERANCE.get(f"suspension.travel.{what}", 0.0) for what in _OF_A_CHANNEL}
+    entries |= {
+        key.replace("suspension.travel", "laser.hub"): value
+        for key, value in sensor.tolerance.items()
+        if key.startswith("suspension.travel.")
+    }
+    noise = sensor.noise.get("suspension.travel", CHANNELS[next(iter(travels))].noise)
+    lasers = any(name.startswith("laser.") for name in sensor.channels)
+    return replace(
+        sensor, channels=tuple(travels.get(name, name) for name in sensor.channels),
+        noise={**sensor.noise, "laser.hub": noise}, tolerance={**sensor.tolerance, **entries},
+        position=sensor.position if lasers else {}, from_wheel_centre=sensor.from_wheel_centre if lasers else None,
+    )  # fmt: skip
 
 
 def design_reading(rig: Rig, corner: Corner) -> float:

@@ -255,7 +255,7 @@ def bring_together(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters, on: A
 
     Raises RunError when the run is too short for the filters.
     """
-    run = for_equations(run, vehicle, rig)
+    run, rig = for_equations(run, vehicle, rig)
     grid, notes = _grid(run, rig, filters)
     grid = grid if on is None else on
     values: dict[str, Array] = {}

@@ -307,9 +307,9 @@ class LiveFit:
         there = going.sums.recording
         blocks = samples.blocks(self._needed_ns(going), going.begin_ns + round(1e9 * (until + SETTLING)))
         run = build_run(self._start.run_id, self._start, blocks, start_ns=going.begin_ns)
-        run = for_equations(RunLimits(end=str(until)).of(run), self._vehicle, there.rig)
+        run, rig = for_equations(RunLimits(end=str(until)).of(run), self._vehicle, there.rig)
         run = replace(run, signals={name: s for name, s in run.signals.items() if name in going.channels})
-        rig, rate = there.rig, there.filters.rate
+        rate = there.filters.rate
         spans = [(s.t[0] - rig.latency(name), s.t[-1] - rig.latency(name)) for name, s in run.signals.items()]
         if set(run.signals) != going.channels:
             raise ChangedRunError

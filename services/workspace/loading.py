@@ -178,6 +178,7 @@ def load(
             warnings.append(f"left out: {error}")
     if not ready or car is None or sensors is None:
         raise failed[0]
+    sensors = ready[0].prepared.recording.rig
     ready, levels = in_common(ready)
     drives = tuple(one.prepared for one in ready)
     references = {drive.recording.reference for drive in drives}
@@ -195,7 +196,7 @@ def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, w
 
     Raises RunError when it is too short, NotIdentifiable when no row of the equations can be formed.
     """
-    run = for_equations(run, vehicle, rig)
+    run, rig = for_equations(run, vehicle, rig)
     drive = PreparedRun.of(run, vehicle, rig, filters)
     recorded = [channels.sentence(fault) for fault in recorded_faults(run, drive)]
     overview = drive.overview()

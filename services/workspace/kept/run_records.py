@@ -6,10 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any
 
+from lacet.daq.channels import CORNERS
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.sources.completion import completed
 from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.signals.for_equations import with_travel_as_laser
 from lacet.identify.signals.reconstruct import Recording, Signals
 from lacet.services.workspace.loading import Loaded
 
@@ -45,6 +47,7 @@ def _record(recording: Recording) -> dict[str, Any]:
         "value": {name: a for name, a in recording.signals.value.items() if name not in recording.sources},
         "completed": bool(recording.sources or recording.tables),
         "noise": [sensor.noise for sensor in recording.rig.sensors],
+        "channels": [name for sensor in recording.rig.sensors for name in sensor.channels],
         "beyond": max((one.beyond for one in recording.smoothers.values()), default=None),
     }
 
@@ -52,6 +55,9 @@ def _record(recording: Recording) -> dict[str, Any]:
 def _restored(kept: Mapping[str, Any], rig: Rig, vehicle: Vehicle) -> Recording:
     filters, noise, beyond = kept["fields"]["filters"], kept["noise"], kept["beyond"]
     signals = Signals.differentiated(kept["value"], filters.rate)
+    travels = {f"suspension.{c}.travel": f"laser.{c}.hub" for c in CORNERS}
+    stood_in = {travel: hub for travel, hub in travels.items() if travel not in kept["channels"]}
+    rig = with_travel_as_laser(rig, stood_in)
     whole = Recording(**kept["fields"], signals=signals, vehicle=vehicle, rig=_with_noise(rig, noise))
     whole = whole if beyond is None else whole.smoothed(beyond)
     return completed(whole) if kept["completed"] else whole

@@ -43,10 +43,41 @@ def test_travel_stands_in_for_a_hub_laser_that_is_not_measured_alone():
         "engine.speed": signal(100.0), "imu.rate": signal(0.1, 0.2, 0.3), "car.yaw_rate": signal(0.4),
         "gnss.speed": signal(20.0),
     }  # fmt: skip
-    found = for_equations(Run("a", signals), VEHICLE, Rig.parse(HEAD + HUB)).signals
+    run, rig = for_equations(Run("a", signals), VEHICLE, Rig.parse(HEAD + HUB))
+    found = run.signals
+    assert rig == Rig.parse(HEAD + HUB)  # it has no sensor of the travel
     assert set(found) == {"laser.fl.hub", "laser.fr.hub", "imu.rate", "gnss.speed"}
     assert found["laser.fl.hub"].values[0, 0] == pytest.approx(0.4)
     assert found["laser.fr.hub"].values[0, 0] == pytest.approx(0.3 - 0.02)
     assert stands_in_for("suspension.fr.travel") == ("laser.fr.hub",)
     assert stands_in_for("gnss.speed") == ("correvit.speed",)
     assert stands_in_for("engine.speed") == ()
+
+
+POTS = """
+[[sensor]]
+name = "pots"
+channels = ["suspension.fl.travel", "suspension.fr.travel"]
+position = { fl = [9.0, 9.0, 9.0], fr = [9.0, 9.0, 9.0] }
+latency = 0.010
+noise = { "suspension.travel" = 0.0005 }
+tolerance = { "suspension.travel.zero" = 0.003 }
+"""
+
+
+def test_travel_that_stands_in_has_its_own_sensor_s_latency_noise_and_tolerances() -> None:
+    """And the mount of the corner's lasers; a corner with a laser keeps it. Once more changes nothing."""
+    given = Rig.parse(HEAD + HUB + GROUND + MOUNT + POTS)
+    signals = {"laser.fl.hub": signal(0.4), "suspension.fr.travel": signal(0.02), "suspension.rl.travel": signal(0.0)}
+    run, rig = for_equations(Run("a", signals), VEHICLE, given)
+    assert set(run.signals) == {"laser.fl.hub", "laser.fr.hub", "laser.rl.hub"}
+    assert [sensor.channels for sensor in rig.sensors][-1] == ("suspension.fl.travel", "laser.fr.hub")
+    assert (rig.latency("laser.fr.hub"), rig.noise("laser.fr.hub")) == (0.010, 0.0005)
+    assert (rig.tolerance("laser.fr.hub", "zero"), rig.tolerance("laser.fr.hub", "gain")) == (0.003, 0.002)
+    assert rig.tolerance("laser.fr.hub", "drift") == 0.0
+    assert rig.latency("laser.fl.hub") == rig.latency("laser.rl.hub") == 0.0
+    np.testing.assert_allclose(
+        laser_mount(rig, VEHICLE.corners["fr"]), np.add(VEHICLE.corners["fr"].position, (0, 0, 0.3))
+    )
+    again, same = for_equations(run, VEHICLE, rig)
+    assert (again, same) == (run, rig)

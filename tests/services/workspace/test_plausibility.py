@@ -107,7 +107,8 @@ def test_a_side_acceleration_of_the_other_sign_is_told_by_potentiometers_on_the_
     run = replace(run, signals={**without(run, "laser.").signals, **strokes})
     car = with_motion_ratio(tmp_path)
     for sign in (1.0, -1.0):
-        said = implausible(PreparedRun.of(for_equations(changed(run, "imu.accel", "y", sign), car, RIG), car, RIG))
+        told, rig = for_equations(changed(run, "imu.accel", "y", sign), car, RIG)
+        said = implausible(PreparedRun.of(told, car, rig))
         assert [("leans into the turn" in line) for line in said] == ([] if sign > 0.0 else [True, True])
 
 
@@ -184,7 +185,7 @@ def test_travels_of_the_other_sign_are_told_as_such(kind: str, sign: float, tmp_
     measured = {kind.format(c): replace(hub, values=0.35 + way * (hub.values - 0.35)) for c, hub in hubs.items()}
     run = replace(run, signals={**without(run, "laser.").signals, **measured})
     car = with_motion_ratio(tmp_path)
-    said = implausible(PreparedRun.of(for_equations(run, car, RIG), car, RIG))
+    said = implausible(PreparedRun.of(run, car, RIG))
     if sign > 0.0:
         assert said == []
     else:
