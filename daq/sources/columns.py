@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,7 +24,12 @@ _EPOCHS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (1e8, 1.0))
 SINCE_1970 = _EPOCHS[-1][1] * _EPOCHS[-1][0]
 """Time from which one counts from 1970 [s]."""
 _WHOLE_STEP = 2.0
-"""Smallest whole step of times without a unit that are taken for milliseconds."""
+"""Smallest whole step of times without a unit that are taken for milliseconds, or a smaller unit."""
+_WHOLE = (("ms", 1e-3), ("µs", 1e-6), ("ns", 1e-9))
+_LONGEST_STEP = 1.0
+"""Longest step of a log of a car [s]: a unit that makes it longer is not the one of its times."""
+_RISING = 0.9
+"""Part of the steps of a time that increase, at least."""
 
 
 @dataclass(frozen=True)
@@ -57,21 +62,41 @@ def find_time(
 ) -> TimeColumn | None:
     """The time column among the first values of all columns; None where there is none.
 
-    By name first, otherwise the first whose values increase all the time. Raises ValueError in words where the one
-    asked for is no time.
+    By name, or where no name is that of a time, the first whose values increase all the time. Raises ValueError in
+    words where the one asked for, or the one with the name of a time, is none.
     """
-    names = [asked] if asked else [name for name in heads if is_time_name(name)]
-    if not asked:
-        names += [name for name in heads if name not in names]
-    for name in names:
-        values = heads[name][np.isfinite(heads[name])]
-        rising = values.size > 1 and float(np.mean(np.diff(values) > 0.0)) > 0.9
-        if not rising or (not asked and not is_time_name(name) and not np.all(np.diff(values) > 0.0)):
-            if asked:
-                raise ValueError(f"'{asked}' is no time: its values do not increase")
-            continue
-        return _scaled(name, values, asked_unit or units.get(name, ""))
+    possible = [name for name in heads if asked_unit or may_be_time(units.get(name, ""))]
+    named = [asked] if asked else [name for name in possible if is_time_name(name)]
+    known = {name: heads[name][np.isfinite(heads[name])] for name in {*named, *possible}}
+    for name in named:
+        if known[name].size > 1 and float(np.mean(np.diff(known[name]) > 0.0)) > _RISING:
+            return _scaled(name, known[name], asked_unit or units.get(name, ""))
+    if named:
+        raise ValueError("; ".join(_no_time(name, known[name]) for name in named))
+    for name in possible:
+        if known[name].size > 1 and np.all(np.diff(known[name]) > 0.0):
+            found = _scaled(name, known[name], asked_unit or units.get(name, ""))
+            note = f"no column has the name of a time: '{name}', which increases all the time, is taken for it"
+            return replace(found, note=f"{note}. {found.note}" if found.note else note)
     return None
+
+
+def may_be_time(unit: str) -> bool:
+    """Whether values in a unit can be times: there is none, or it is none known, or one of time."""
+    return not unit or not is_unit(unit) or read_unit(unit).si in ("s", "-")
+
+
+def _no_time(name: str, values: Array) -> str:
+    """Why a column is no time, and what to do."""
+    if values.size < 2:
+        return f"'{name}' has no values"
+    steps = np.diff(values)
+    if np.all(steps >= 0.0) and np.any(steps > 0.0):
+        lines = values.size / (1 + np.count_nonzero(steps))
+        why = f"'{name}' has the same value in {lines:.0f} lines each, so that samples cannot be told apart by it"
+    else:
+        why = f"'{name}' is no time: its values do not increase"
+    return f'{why}. Say which column is, or the rate, in the map: [read] time = "NAME", or rate = 100'
 
 
 def _scaled(name: str, values: Array, unit: str) -> TimeColumn:
@@ -82,11 +107,12 @@ def _scaled(name: str, values: Array, unit: str) -> TimeColumn:
         factor = read_unit(unit).factor
         return TimeColumn(name, factor, first * factor > SINCE_1970)
     for least, factor in _EPOCHS:
-        if first > least:
+        if first > least and step * factor <= _LONGEST_STEP:
             return TimeColumn(name, factor, True, f"'{name}' counts from 1970, in units of {factor:g} s")
     if step >= _WHOLE_STEP and np.array_equal(values, np.round(values)):
-        note = f"'{name}' has no unit and whole steps of {step:g}: taken as ms (say time_unit in the map if not)"
-        return TimeColumn(name, 1e-3, False, note)
+        short, factor = next((one for one in _WHOLE if step * one[1] <= _LONGEST_STEP), _WHOLE[0])
+        note = f"'{name}' has no unit and whole steps of {step:g}: taken as {short} (say time_unit in the map if not)"
+        return TimeColumn(name, factor, False, note)
     return TimeColumn(name, 1.0, False)
 
 

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 
-from lacet.daq.sources.columns import TimeColumn, find_time, units_row, with_unit
+from lacet.daq.sources.columns import TimeColumn, find_time, is_time_name, units_row, with_unit
 from lacet.daq.sources.source import Array, Listed, Piece, Reading, Series, Source, fault, resolve, unique
 
 _HEAD = 1 << 17
@@ -25,12 +26,21 @@ _LINES = 200
 _SEPARATORS = ";\t,|"
 _NUMBER = re.compile(r"^[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?$")
 _MISSING = ["", "NaN", "nan", "NAN", "NA", "N/A", "#N/A", "n/a", "-", "--", "---", "null", "NULL", "None", "inf",
-            "-inf", "Inf", "-Inf", "INF", "#NV", "NoData", "invalid", "*"]  # fmt: skip
-"""Cells without a value."""
+            "-inf", "Inf", "-Inf", "INF", "#NV", "NoData", "invalid", "*", "#DIV/0!", "#VALUE!", "#REF!", "#NAME?",
+            "#NUM!", "#NULL!", "#WERT!", "#BEZUG!", "#ZAHL!", "#VALEUR!", "#NOMBRE!"]  # fmt: skip
+"""Cells without a value, those that spreadsheets write for one included."""
 _BLOCK = 1 << 22
 """Bytes that are read at a time."""
 _DAY = 86400.0
-_CLOCK = re.compile(r"^\d{1,2}:\d\d(:\d\d([.,]\d+)?)?$|^\d{4}-\d\d-\d\d[T ]\d\d:\d\d|^\d{1,2}[./]\d{1,2}[./]\d{4} \d")
+_HALF = r"(\s*[AP]\.?M\.?)?"
+_CLOCK = re.compile(
+    rf"^\d{{1,2}}:\d\d(:\d\d([.,]\d+)?)?{_HALF}$|^\d{{4}}-\d\d-\d\d[T ]\d\d:\d\d|^\d{{1,2}}[./]\d{{1,2}}[./]\d{{4}} \d",
+    re.IGNORECASE,
+)
+_TWELVE = re.compile(r"(?P<before>.*?)(?P<hour>\d{1,2})(?P<rest>:\d\d[\d:.,]*)\s*(?P<half>[AP])\.?M\.?", re.IGNORECASE)
+"""A time of a clock of twelve hours."""
+_SHOWN = 5
+"""Columns that a note names."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +63,7 @@ class CsvTable(Source):
         self.form = find_form(path, reading)
         self._size = max(1, path.stat().st_size)
         head = self._head()
-        self._texts = {name for name, column in head.items() if column is None}
+        texts = [name for name, column in head.items() if column is None]
         numbers = {name: column for name, column in head.items() if column is not None}
         units = dict(zip(self.form.names, self.form.units, strict=True))
         for at, name in enumerate(self.form.names):
@@ -67,8 +77,17 @@ class CsvTable(Source):
                 reading = Reading(**{**vars(reading), "time": resolve(reading.time, list(self.form.names))})
             except KeyError as cause:
                 raise fault(path, f"time column: {cause.args[0]}") from None
+        if texts:
+            shown = ", ".join(f"'{name}' ({self._examples[name]})" for name in texts[:_SHOWN])
+            self.notes.append(f"columns of text are left out: {shown}{' …' if len(texts) > _SHOWN else ''}")
         if not self._rate or reading.time:
             try:
+                if not any(map(is_time_name, numbers)) and not reading.time:
+                    for name in filter(is_time_name, texts):
+                        raise ValueError(
+                            f"'{name}' has the name of a time, but is written as {self._examples[name]}: write it as "
+                            "seconds or 13:05:59.250, or say the rate in the map, [read] rate = 100"
+                        )
                 self._time = find_time(numbers, units, reading.time, reading.time_unit)
             except (ValueError, KeyError) as cause:
                 raise fault(path, f"time column: {cause}") from None
@@ -89,32 +108,60 @@ class CsvTable(Source):
         """Batches of lines."""
         time = self._time
         wanted: list[str] = list(dict.fromkeys([*([time.name] if time else []), *names]))
-        types: dict[str, Any] = {n: pa.string() if n in self._clock_columns else pa.float64() for n in wanted}
         rows, self.done = 0, 0.0
         self._before: dict[str, float] = {}
-        try:
-            stream = pa_csv.open_csv(
-                self._open(), read_options=pa_csv.ReadOptions(
-                    column_names=list(self.form.names), block_size=_BLOCK, encoding=self.form.encoding,
-                    skip_rows=self.form.first),
-                parse_options=self._parse(),
-                convert_options=pa_csv.ConvertOptions(
-                    column_types=types, include_columns=wanted, null_values=_MISSING, strings_can_be_null=True,
-                    decimal_point=self.form.decimal),
-            )  # fmt: skip
-            for batch in stream:
-                if not batch.num_rows:
-                    continue
-                columns = {name: self._numbers(batch.column(name), name) for name in wanted}
-                if time is None:
-                    t = (rows + np.arange(batch.num_rows)) / self._rate
-                else:
-                    t = columns[time.name] * time.factor - self._origin
-                rows += batch.num_rows
-                self.done = min(1.0, rows * self._line / self._size)
-                yield {name: Series(t, columns[name]) for name in names}
-        except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
-            raise fault(self.path, f"behind line {self.form.first + rows}: {_said(cause)}") from None
+        last = np.nan
+        for batch in self._batches(wanted):
+            columns = {name: self._numbers(batch.column(name), name, rows) for name in wanted}
+            if time is None:
+                t = (rows + np.arange(batch.num_rows)) / self._rate
+            else:
+                t = columns[time.name] * time.factor
+                if time.name not in self._clock_columns and np.nanmax(t, initial=0.0) < _DAY:
+                    t = _past_midnight(t, last)
+                    last = next((x for x in t[::-1].tolist() if np.isfinite(x)), last)
+                t = t - self._origin
+            rows += batch.num_rows
+            self.done = min(1.0, rows * self._line / self._size)
+            there = np.isfinite(t)
+            if not there.all():
+                self._note("lines without a time are left out")
+                t, columns = t[there], {name: values[there] for name, values in columns.items()}
+            yield {name: Series(t, columns[name]) for name in names}
+
+    def _batches(self, wanted: list[str]) -> Iterator[Any]:
+        """Batches of lines, of numbers; as texts from the first cell on that is none."""
+        rows, as_text = 0, False
+        while True:
+            texts = wanted if as_text else [n for n in wanted if n in self._clock_columns or n in self._grouped]
+            types: dict[str, Any] = {n: pa.string() if n in texts else pa.float64() for n in wanted}
+            given = rows
+            try:
+                stream = pa_csv.open_csv(
+                    self._open(), read_options=pa_csv.ReadOptions(
+                        column_names=list(self.form.names), block_size=_BLOCK, encoding=self.form.encoding,
+                        skip_rows=self.form.first),
+                    parse_options=self._parse(),
+                    convert_options=pa_csv.ConvertOptions(
+                        column_types=types, include_columns=wanted, null_values=_MISSING, strings_can_be_null=True,
+                        decimal_point=self.form.decimal),
+                )  # fmt: skip
+                for batch in stream:
+                    fresh = batch.slice(min(given, batch.num_rows))
+                    given -= batch.num_rows - fresh.num_rows
+                    if fresh.num_rows:
+                        yield fresh
+                        rows += fresh.num_rows
+                return
+            except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
+                if as_text or "conversion error" not in str(cause):
+                    raise fault(self.path, f"behind line {self.form.first + rows}: {_said(cause)}") from None
+                as_text = True
+
+    def _note(self, text: str) -> None:
+        """Add a note that is not there yet."""
+        if text not in self.notes:
+            self.notes.append(text)
 
     def _open(self) -> Any:
         return pa.input_stream(str(self.path), compression=None)
@@ -139,6 +186,9 @@ class CsvTable(Source):
         rows = [row for row in csv.reader(lines, delimiter=self.form.separator) if len(row) == len(self.form.names)]
         out: dict[str, Array | None] = {}
         self._clock_columns: set[str] = set()
+        self._grouped: set[str] = set()
+        self._wrong: set[str] = set()
+        self._examples: dict[str, str] = {}
         for at, name in enumerate(self.form.names):
             cells = [row[at].strip() for row in rows]
             filled = [cell for cell in cells if cell not in _MISSING]
@@ -146,22 +196,44 @@ class CsvTable(Source):
                 self._clock_columns.add(name)
                 out[name] = _clock(cells)
                 continue
-            if not all(_is_number(cell, self.form.decimal) for cell in filled):
-                out[name] = None
-                continue
+            others = [cell for cell in filled if not _is_number(cell, self.form.decimal)]
+            if others:
+                if not _are_grouped(others, self.form.decimal):
+                    self._examples[name], out[name] = repr(others[0][:24]), None
+                    continue
+                self._grouped.add(name)
+                cells = [cell.replace(_other(self.form.decimal), "") for cell in cells]
             point = [cell.replace(self.form.decimal, ".") for cell in cells]
             out[name] = np.array([float(c) if c and c not in _MISSING else np.nan for c in point])
         return out
 
-    def _numbers(self, column: Any, name: str) -> Array:
+    def _numbers(self, column: Any, name: str, rows: int) -> Array:
+        """Values of a column of a batch that begins after so many lines of numbers."""
         if name in self._clock_columns:
             found = _clock(["" if one is None else one for one in column.to_pylist()], self._before.get(name, np.nan))
             known = found[np.isfinite(found)]
             if known.size:
                 self._before[name] = float(known[-1])
             return found
+        if pa.types.is_string(column.type):
+            column = self._of_texts(column, name, rows)
         missing = pa.Array.from_buffers(pa.float64(), 1, [None, pa.py_buffer(np.array([np.nan]))])[0]
         return np.asarray(np.from_dlpack(column.fill_null(missing)), np.float64)
+
+    def _of_texts(self, column: Any, name: str, rows: int) -> Any:
+        """Numbers of cells that were read as texts; those that are none have no value, and are noted with a place."""
+        cells = pc.utf8_trim_whitespace(column)
+        if name in self._grouped:
+            cells = pc.replace_substring(cells, _other(self.form.decimal), "")
+        cells = pc.replace_substring(cells, self.form.decimal, ".")
+        numbers = pc.match_substring_regex(cells, r"^[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?$")
+        wrong = np.flatnonzero(np.from_dlpack(pc.cast(pc.fill_null(pc.invert(numbers), False), pa.uint8())))
+        if wrong.size and name not in self._wrong:
+            self._wrong.add(name)
+            place = self.form.first + rows + int(wrong[0]) + 1
+            text = column[int(wrong[0])].as_py()
+            self._note(f"'{name}' has cells that are no numbers: they count as missing (line {place}: '{text[:24]}')")
+        return pc.cast(pc.if_else(numbers, pc.replace_substring(cells, "+", ""), None), pa.float64())
 
 
 def find_form(path: Path, reading: Reading) -> Form:
@@ -266,6 +338,18 @@ def _is_number(cell: str, decimal: str) -> bool:
     return bool(_NUMBER.match(cell)) and ("," if decimal == "." else ".") not in cell
 
 
+def _other(decimal: str) -> str:
+    """The sign between groups of three digits where `decimal` is before the decimals."""
+    return "," if decimal == "." else "."
+
+
+def _are_grouped(cells: list[str], decimal: str) -> bool:
+    """Whether cells are numbers with their digits in groups of three, as 4,000.0; 4,000 alone could be decimals."""
+    group = rf"\{_other(decimal)}\d{{3}}"
+    one = re.compile(rf"[-+]?\d{{1,3}}({group})+(\{decimal}\d*)?")
+    return all(map(one.fullmatch, cells)) and any(decimal in c or c.count(_other(decimal)) > 1 for c in cells)
+
+
 def encoding_of(begin: bytes) -> str:
     """Encoding of a text of which this is the beginning: by its mark, else UTF-8 where it can be, else cp1252."""
     for mark, encoding in ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16")):
@@ -292,6 +376,8 @@ def _text_of(begin: bytes, path: Path, encoding: str) -> str:
 
 def _clock(cells: list[str], before: float = np.nan) -> Array:
     """Seconds of times of day, or since 1970 of dates; `before` : those of the line before, NaN for the first."""
+    if any(cell[-1:] in "Mm." and _TWELVE.fullmatch(cell) for cell in cells[:5]):
+        cells = [_of_24_hours(cell) for cell in cells]
     if any("-" in cell or "/" in cell or cell.count(".") > 1 for cell in cells[:5]):
         out = np.full(len(cells), np.nan)
         for at, cell in enumerate(cells):
@@ -310,6 +396,15 @@ def _clock(cells: list[str], before: float = np.nan) -> Array:
         sum(float(x) * f for x, f in zip(p, (3600.0, 60.0, 1.0), strict=False)) if len(p) > 1 else np.nan for p in parts
     ])  # fmt: skip
     return _past_midnight(of_day, before)
+
+
+def _of_24_hours(cell: str) -> str:
+    """A time of a clock of twelve hours as one of 24."""
+    found = _TWELVE.fullmatch(cell.strip())
+    if found is None:
+        return cell
+    hour = int(found["hour"]) % 12 + 12 * (found["half"] in "Pp")
+    return f"{found['before']}{hour:02d}{found['rest']}"
 
 
 def _past_midnight(of_day: Array, before: float) -> Array:

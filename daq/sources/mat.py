@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from lacet.daq.parts import from_part
-from lacet.daq.sources.columns import find_time, is_time_name, with_unit
+from lacet.daq.sources.columns import find_time, is_time_name, may_be_time, with_unit
 from lacet.daq.sources.shares import SharedSource, Stored
 from lacet.daq.sources.source import Listed, Reading, fault, read_by_library
 
@@ -100,9 +100,12 @@ class MatSource(SharedSource):
                 head = {last: leaf.read(0, min(_HEAD, leaf.count), 0)}
             unit = _unit_of(name, texts) or with_unit(name.rpartition(".")[2])[1]
             try:
-                found = find_time(head, {last: unit}, last if reading.time else "", reading.time_unit)
+                units = {last: unit} if may_be_time(unit) else {}  # beside data it may be that of the data
+                found = find_time(head, units, last if reading.time else "", reading.time_unit)
             except ValueError as cause:
-                raise fault(self.path, str(cause)) from None
+                if reading.time:
+                    raise fault(self.path, str(cause)) from None
+                found = None
             if found is None:
                 continue
             origin = self.counted_from(float(head[last][0]) * found.factor) if found.epoch else 0.0

@@ -74,6 +74,12 @@ def test_a_table_without_times_has_a_rate(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_all(source, ["b"])["b"].t, [0.0, 0.02, 0.04, 0.06])
 
 
+def test_a_time_of_another_name_is_noted(tmp_path: Path) -> None:
+    source = opened(tmp_path, "a,b\n5,0.1\n4,0.2\n7,0.3\n")
+    np.testing.assert_allclose(read_all(source, ["a"])["a"].t, [0.1, 0.2, 0.3])
+    assert source.notes == ["no column has the name of a time: 'b', which increases all the time, is taken for it"]
+
+
 def test_names_that_stand_twice_are_told_apart(tmp_path: Path) -> None:
     source = opened(tmp_path, "t,Fx,Fx\n0,1,2\n1,3,4\n2,5,6\n")
     assert list(source.listed) == ["Fx", "Fx_2"]
@@ -83,6 +89,9 @@ def test_names_that_stand_twice_are_told_apart(tmp_path: Path) -> None:
     ("a,b\n1,5\n1,4\n2,5\n", {}, r"no column is a time.*the columns are a, b.*rate = 100"),
     ("t,b\n0,5\n1,4\n2,5\n", {"time": "bb"}, r"there is no 'bb'; did you mean 'b'"),
     ("t,b\n0,5\n1,4\n2,5\n", {"time": "b"}, "its values do not increase"),
+    ("t,speed\n0.0,50\n0.0,51\n0.1,52\n0.1,53\n", {}, "'t' has the same value in 2 lines each.*or rate = 100"),
+    ("time,a,b\nfive,50,1\nsix,51,2\nten,52,3\n", {}, "'time' has the name of a time, but is written as 'five'"),
+    ("speed [km/h],b\n50,4\n51,5\n52,3\n", {}, "no column is a time"),
     ("hello\nworld\n", {}, "no lines of numbers were found"),
     ("0,5\n1,4\n2,5\n", {}, "no header above the numbers, which begin in line 1"),
 ])  # fmt: skip
@@ -93,11 +102,47 @@ def test_a_refusal_says_what_was_found_and_what_to_do(
         opened(tmp_path, text, **reading)
 
 
-def test_a_word_among_the_numbers_is_named_with_its_place(tmp_path: Path) -> None:
-    lines = ["t,a", *(f"{0.01 * k:.2f},{k}" for k in range(1000)), "10.00,broken"]
-    source = opened(tmp_path, "\n".join(lines) + "\n")
-    with pytest.raises(RunError, match=r"log\.csv(.|\n)*'broken'"):
-        read_all(source, ["a"])
+def test_a_word_among_the_numbers_is_named_with_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It counts as missing, and nothing before or behind it is lost; lines without a time are left out."""
+    monkeypatch.setattr("lacet.daq.sources.csv_table._BLOCK", 1 << 12)
+    lines = ["t,a", *(f"{0.01 * k:.2f},{k}" for k in range(2000))]
+    lines[1500], lines[1600] = "14.99,broken", "15.99,#DIV/0!"
+    source = opened(tmp_path, "\n".join([*lines, "Mean,5"]) + "\n")
+    found = read_all(source, ["a"])["a"]
+    np.testing.assert_allclose(found.t, 0.01 * np.arange(2000))
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(found.values)), [1499, 1599])
+    np.testing.assert_array_equal(found.values[1600:], np.arange(1600, 2000))
+    assert sorted(source.notes) == [
+        "'a' has cells that are no numbers: they count as missing (line 1501: 'broken')",
+        "'t' has cells that are no numbers: they count as missing (line 2002: 'Mean')",
+        "lines without a time are left out",
+    ]
+
+
+@pytest.mark.parametrize(("head", "cells", "times"), [
+    ("time", ["11:59:59.5 AM", "12:00:00 PM", "12:00:00.5 PM"], [43199.5, 43200.0, 43200.5]),
+    ("time", ["11:59:59.5 p.m.", "12:00:00 a.m.", "12:00:00.5 a.m."], [86399.5, 86400.0, 86400.5]),
+    ("t_ms", [str(500 * k % 86_400_000) for k in range(172_780, 172_810)], [0.5 * k for k in range(172_780, 172_810)]),
+    ("t", ["500000000", "500010000", "500020000"], [500.0, 500.01, 500.02]),
+    ("t", ["1700000000000", "1700000000010", "1700000000020"], [0.0, 0.01, 0.02]),
+])  # fmt: skip
+def test_times_as_loggers_write_them(tmp_path: Path, head: str, cells: list[str], times: list[float]) -> None:
+    """Clocks of twelve hours, milliseconds since midnight, and whole numbers whose unit follows from their step."""
+    source = opened(tmp_path, "\n".join([f"{head},a", *(f"{cell},1" for cell in cells)]) + "\n")
+    np.testing.assert_allclose(read_all(source, ["a"])["a"].t, times, atol=1e-7)
+
+
+@pytest.mark.parametrize(("decimal", "cells"), [
+    (",", ["4.000,00", "-12.345.678,5", "7,25"]), (".", ["4,000.00", "-12,345,678.5", "7.25"]),
+])  # fmt: skip
+def test_digits_in_groups_of_three_are_numbers(tmp_path: Path, decimal: str, cells: list[str]) -> None:
+    """Where they can be nothing else: 4,000 alone may be four with three decimals."""
+    times = [f"{t:.2f}".replace(".", decimal) for t in (0.0, 0.01, 0.02)]
+    alone = "1.234" if decimal == "," else "1,234"
+    rows = [f"{t};{cell};{t};{t};{alone}" for t, cell in zip(times, cells, strict=True)]
+    source = opened(tmp_path, "\n".join(["t;load;x;y;z", *rows]) + "\n")
+    np.testing.assert_array_equal(read_all(source, ["load"])["load"].values, [4000.0, -12345678.5, 7.25])
+    assert source.notes == [f"columns of text are left out: 'z' ('{alone}')"]
 
 
 def test_a_long_table_is_read_in_pieces(tmp_path: Path) -> None:
