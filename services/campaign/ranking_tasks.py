@@ -10,6 +10,8 @@ import numpy as np
 
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
+from lacet.identify.effects.language.compiled import OneLine, effect_class
+from lacet.identify.effects.language.parser import read_line
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Unmeasured
@@ -27,19 +29,28 @@ from lacet.services.campaign.tasks import EquationsAt, SingleRun
 
 @dataclass(frozen=True)
 class PlainEffect:
-    """An effect by its key and shape constants: a worker has the law itself."""
+    """An effect by its key and shape constants: a worker has the law itself, or its `line` and where it acts."""
 
     key: str
     shape: tuple[tuple[str, float], ...]
+    line: str = ""
+    where: str = ""
 
     @classmethod
     def of(cls, effect: Effect) -> PlainEffect:
-        """The key and shape constants of an effect."""
-        return cls(effect.key, tuple(effect.shape.items()))
+        """The plain form of an effect."""
+        shape = tuple(effect.shape.items())
+        return (
+            cls(effect.key, shape, effect.line.text, effect.where)
+            if isinstance(effect, OneLine)
+            else cls(effect.key, shape)
+        )
 
     def among(self, known: Mapping[str, Effect]) -> Effect:
-        """The effect."""
-        return replace(known[self.key], shape=dict(self.shape))
+        """The effect, of those `known`, or of the line of a law that no catalogue has."""
+        if self.key in known:
+            return replace(known[self.key], shape=dict(self.shape))
+        return effect_class(read_line(self.line))(self.where, dict(self.shape))
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,15 @@ import numpy as np
 import pytest
 
 from lacet.daq.errors import UsageError
+from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.regression.qr_accumulation import RunEquations
 from lacet.identify.regression.sensitivity import ExpansionPoint
+from lacet.identify.selection.laws.grammar import pool
 from lacet.services.campaign import tasks
+from lacet.services.campaign.ranking_tasks import PlainEffect
 from lacet.services.campaign.run_reference import RunReference, Settings, references
 from lacet.services.campaign.tasks import Broken, ColumnsAt, EquationsAt, NoiseAt, ScoresAt, SecondsAt, Survey
+from tests.identify import cars
 from tests.support.short_runs import CAR, write_short_runs
 
 SETTINGS = Settings(
@@ -132,3 +136,17 @@ def test_names_are_distinct() -> None:
         references(["a.mcap", "a.mcap"])
     with pytest.raises(UsageError, match="no run"):
         references([])
+
+
+@pytest.mark.parametrize("kind", ["suspension", "tyre", "chassis.fx"])
+def test_a_law_of_no_catalogue_reaches_a_worker_as_its_line(kind: str) -> None:
+    """With the place and the constants it is tried at; one of the catalogue is the worker's own."""
+    vehicle, _ = cars.reference_car()
+    known = catalogue(vehicle, "hub")
+    for cls in pool(kind):
+        first = cls("" if "." in kind else "rear", {name: 2.0 * grid[0] for name, grid in cls.grids.items()})
+        found = PlainEffect.of(first).among(known)
+        assert (found.key, dict(found.shape)) == (first.key, dict(first.shape))
+        assert [row.text for row in found.line.rows] == [row.text for row in first.line.rows]
+    bump = replace(known["bump_stop.rear"], shape={"gap": 0.0123})
+    assert PlainEffect.of(bump).among(known) == bump
