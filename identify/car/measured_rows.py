@@ -24,6 +24,7 @@ from lacet.identify.car.rows import (
     Row,
     RowAbsence,
     fewest,
+    followed,
     leading,
     needs,
 )
@@ -135,7 +136,8 @@ def _usable(
     masks: dict[Row, NDArray[np.bool_]] = {}
     for row, torque in rows.items():
         mask = inside & released if torque.released else inside.copy()
-        for channel in (*needs(row, recording.reference, grounds, recording.vehicle), *torque.channels):
+        needed = needs(row, recording.reference, grounds, recording.vehicle)
+        for channel in (*needed, *followed(row), *torque.channels):
             mask &= recording.usable.get(channel, True)
         masks[row] = mask
     cut = [row for row, torque in rows.items() if torque.released]

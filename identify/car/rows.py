@@ -203,6 +203,11 @@ def needs(
     return (moment, speed, *((hub,) if turns else ()), *attitude, "imu.rate", *coupled)
 
 
+def followed(row: Row) -> tuple[str, ...]:
+    """Channels that laws of a row may follow beside those it needs: the travel of the axle's other wheel, by a bar."""
+    return (f"laser.{other_corner(row.place)}.hub",) if row.kind == "suspension" else ()
+
+
 def _tyre_of_other(name: str, vehicle: Vehicle | None) -> tuple[str, ...]:
     """Tyre row of the axle's other wheel where its load is in the suspension row of this one."""
     other = other_corner(name)

@@ -6,7 +6,7 @@ force and rates, of which only the angular acceleration is a derivative.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from lacet.daq.assumptions import Assumption
 from lacet.daq.blocks import Flag
 from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import RunError
-from lacet.daq.pauses import pauses
+from lacet.daq.pauses import PERIODS, pauses
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import Vehicle
@@ -28,6 +28,10 @@ from lacet.identify.signals.wiener import WienerSmoother, motion_beyond
 
 _LEAST_USABLE = 30
 """Least number of usable samples of a channel."""
+
+
+_LONGEST_HOLE = 600.0
+"""Longest time without any sample that a run may have [s]: it is filled up, in memory and time, and not used."""
 
 
 class RunNote:
@@ -294,6 +298,24 @@ def _grid(run: Run, rig: Rig, filters: Filters) -> tuple[Array, list[RunNote]]:
     short = [name for name, signal in run.signals.items() if len(signal.t) <= 3 * (filters.order + 1)]
     if not spans:
         raise RunError(run.name, ["no channel has enough samples to be filtered; record for some seconds at least"])
+    if (hole := _longest_hole([run.signals[name] for *_, name in spans])) is not None:
+        a, b = hole
+        raise RunError(
+            run.name,
+            [
+                f"no channel has samples from {a:.2f} to {b:.2f} s, {b - a:.3g} s: several drives, or a clock that was "
+                f"set. Use one part at a time: --to {a:.2f}, or --from {b:.2f}"
+            ],
+        )
+    fastest = max(1.0 / float(np.median(np.diff(run.signals[name].t))) for *_, name in spans)
+    if fastest < 2.0 * filters.fit_cutoff:
+        raise RunError(
+            run.name,
+            [
+                f"no channel has more than {fastest:.3g} samples a second; a fit up to {filters.fit_cutoff:g} Hz needs "
+                f"{2.0 * filters.fit_cutoff:g} at least. Are the times right ('lacet info')?"
+            ],
+        )
     start, stop = max(s[0] for s in spans), min(s[1] for s in spans)
     least = 2.0 * filters.edge + 4.0 / filters.fit_cutoff
     if stop - start < least:
@@ -309,6 +331,21 @@ def _grid(run: Run, rig: Rig, filters: Filters) -> tuple[Array, list[RunNote]]:
     count = int(np.floor((stop - start) * filters.rate - 1e-6)) + 1
     notes: list[RunNote] = [FewSamples(name, len(run.signals[name].t)) for name in short]
     return start + np.arange(count) / filters.rate, notes
+
+
+def _longest_hole(signals: Sequence[Signal]) -> tuple[float, float] | None:
+    """The longest time in which no signal has a sample (from, to) [s]; None where none exceeds `_LONGEST_HOLE`."""
+    holes = pauses(max((signal.t for signal in signals), key=len), _LONGEST_HOLE / PERIODS)
+    for signal in signals:
+        ends = [end for hole in holes for end in _ends(signal, *hole)]
+        holes = [(a, b) for a, b in ends if b - a > _LONGEST_HOLE]
+    return max(holes, key=lambda hole: hole[1] - hole[0], default=None)
+
+
+def _ends(signal: Signal, a: float, b: float) -> list[tuple[float, float]]:
+    """What is left of a hole before a signal's first sample in it and behind the last."""
+    first, behind = int(np.searchsorted(signal.t, a, "right")), int(np.searchsorted(signal.t, b))
+    return [(a, float(signal.t[first])), (float(signal.t[behind - 1]), b)] if behind > first else [(a, b)]
 
 
 def _fill(signal: Signal) -> tuple[Array | None, list[tuple[float, float]]]:

@@ -138,6 +138,18 @@ def test_only_the_seconds_of_braking_are_left_out() -> None:
     assert not np.any(off.usable["suspension.rl"][off.t < 6.0])
 
 
+def test_seconds_without_a_travel_are_left_out_of_the_axle_s_other_wheel_too() -> None:
+    """A bar's force there follows both travels; the tyres and the other axle lose nothing."""
+    run, vehicle = braked(None), car(False, "outboard")
+    gap = run.signals["laser.rl.hub"]
+    gap.flags[(gap.t > 5.0) & (gap.t < 7.0)] = int(Flag.MISSING)
+    motion = reconstruct(run, vehicle, RIG)
+    lost = (motion.t > 5.0) & (motion.t < 7.0)
+    without = {row for row in motion.rows if not np.any(motion.usable[row][lost])}
+    assert {"suspension.rl", "suspension.rr", "tyre.rl", "chassis.fx"} <= without
+    assert all(np.all(motion.usable[row][lost]) for row in ("suspension.fl", "suspension.fr", "tyre.rr", "tyre.fl"))
+
+
 def test_released_brakes_cost_nothing_and_brakes_never_released_cost_the_rows() -> None:
     """Half a bar left in the line is released; pressed throughout, the rows are named as left out."""
     t, vehicle = np.arange(0.0, 12.0, 0.01), car(True, "outboard")
