@@ -39,7 +39,7 @@ def joints_under_load(
     recording: Recording, road: Road, plane: RoadPlane, moved: Collection[str]
 ) -> dict[str, WheelJoints]:
     """Joints of the `moved` corners by their tables, under the wheel loads where a bench has their compliance."""
-    vehicle, signals, rig, n = recording.vehicle, recording.completed, recording.rig, road.n
+    vehicle, signals, n = recording.vehicle, recording.completed, road.n
 
     def of(c: str, given: Array | None = None) -> WheelJoints:
         corner = vehicle.corners[c]
@@ -56,7 +56,8 @@ def joints_under_load(
         steer, camber = (signals.scalar(f"camera.{c}.{angle}", n)[0] for angle in ("steer", "camber"))
         axes = carrier_axes(steer, camber, unloaded[c].pitch[0] + unloaded[c].kingpin[0])
         force, moment = (
-            load_in_body(signals.value, f"wheel.{c}.{what}", axes, rig, plane.normal) for what in ("force", "moment")
+            load_in_body(signals.value, f"wheel.{c}.{what}", axes, recording, plane.normal)
+            for what in ("force", "moment")
         )
         loads[c] = loads_on(vehicle.corners[c], signals.value, force, moment, axes[:, 1], braked)
 

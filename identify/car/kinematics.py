@@ -11,7 +11,7 @@ from lacet.daq.channels import CORNERS, other_corner
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Corner, Vehicle
-from lacet.identify.car.body_motion import body_motion
+from lacet.identify.car.body_motion import body_attitude, body_motion
 from lacet.identify.car.car_tree import (
     CARRIER,
     CHASSIS,
@@ -74,7 +74,7 @@ def build_motion(
     corners = dict(still.corners) if still else {}
     for c, part in geometry.items():
         on_carrier = torque_on_carrier(vehicle.corners[c], recording.signals.value, recording.brakes)
-        corners[c] = _corner(vehicle.corners[c], part, frames, road, plane, measured.torques, on_carrier, rig)
+        corners[c] = _corner(vehicle.corners[c], part, frames, road, plane, measured.torques, on_carrier, recording)
     road_height = float(np.mean([corner.position[2] - corner.height for corner in vehicle.corners.values()]))
     return Motion(
         name=recording.run, t=grid, filters=recording.filters, reference=recording.reference, body=body,
@@ -82,13 +82,13 @@ def build_motion(
         rows=tuple(measured.torques), left_out=measured.left_out, usable=measured.usable,
         channels=frozenset(recording.signals.value), notes=(*recording.notes, *measured.notes), ahead=measured.ahead,
         masses=known_masses(recording), known=known_parameters(recording), road_height=road_height,
-        pitching=frozenset(c for c in CORNERS if pitches(f"wheel.{c}.force", rig)),
+        pitching=frozenset(c for c in CORNERS if pitches(f"wheel.{c}.force", recording)),
     )  # fmt: skip
 
 
 def _corner(
     corner: Corner, part: _Branch, frames: Sequence[FrameMotion | None], road: Road, plane: RoadPlane,
-    rows: Mapping[Row, Torque], on_carrier: Torque, rig: Rig,
+    rows: Mapping[Row, Torque], on_carrier: Torque, recording: Recording,
 ) -> CornerMotion:  # fmt: skip
     """One corner's motion and loads, from its geometry and the motion of the chain's frames."""
     c, values, spin_axis, normal = corner.name, road.signals.value, part.spin_axis, plane.normal
@@ -98,7 +98,7 @@ def _corner(
     tilt = np.sqrt(1.0 - lean**2)
     height, height_rate = road.height(c, plane, part.centre, part.velocity)
     torques = _torques(c, part.dphi_ds, spin_axis, rows, values)
-    moment = load_in_body(values, f"wheel.{c}.moment", part.axes, rig, normal)
+    moment = load_in_body(values, f"wheel.{c}.moment", part.axes, recording, normal)
     turned_by, other_torques = _worked(on_carrier, spin_axis, spin_axis, values)
     by_other = None
     if part.other_dphi_ds is not None:
@@ -120,7 +120,7 @@ def _corner(
         torque=torques[2],
         torque_on_carrier=dot(moment, turned_by) + other_torques,
         wheel_on_carrier=np.full_like(part.travel, 0.0 if on_carrier.eliminated else 1.0),
-        force=load_in_body(values, f"wheel.{c}.force", part.axes, rig, normal),
+        force=load_in_body(values, f"wheel.{c}.force", part.axes, recording, normal),
         moment=moment,
         spin_axis=spin_axis,
         spin=part.spin,
@@ -170,26 +170,6 @@ def _worked(of: Torque, dphi_ds: Array, spin_axis: Array, values: Mapping[str, A
 
 def _torque(channel: str, values: Mapping[str, Array], n: int) -> Array:
     return values[channel][0] if channel else np.zeros(n)
-
-
-def body_attitude(values: Mapping[str, Array], rig: Rig) -> Array | None:
-    """Roll, pitch, yaw of the body (3, N) [rad], or None where they are not measured."""
-    if "imu.attitude" not in values:
-        return None
-    sensor = rig.sensor_of("imu.attitude")
-    measured = values["imu.attitude"]
-    if sensor is None or sensor.axes != "sensor" or not any(sensor.orientation):
-        return measured
-    # R_ground_body = R_ground_sensor R_sensor_body, as angles again.
-    R = orientation(sensor.orientation).T
-    columns = [_to_ground(measured, R[:, [k]]) for k in range(3)]
-    (xx, xy, xz), (_, _, yz), (_, _, zz) = columns
-    return np.stack([np.arctan2(yz, zz), -np.arcsin(np.clip(xz, -1, 1)), np.unwrap(np.arctan2(xy, xx))])
-
-
-def _to_ground(attitude: Array, v: Array) -> Array:
-    roll, pitch, yaw = attitude
-    return turn(2, yaw, turn(1, pitch, turn(0, roll, v * np.ones(roll.size))))
 
 
 def body_velocity(

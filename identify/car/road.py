@@ -9,8 +9,9 @@ import numpy as np
 from lacet.daq.channels import CORNERS
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.body_motion import vertical
 from lacet.identify.car.motion import ConditionalTravel
-from lacet.identify.multibody.vectors import Array, cross, dot, turn, unit
+from lacet.identify.multibody.vectors import Array, cross, dot, unit
 from lacet.identify.signals.for_equations import laser_mount
 from lacet.identify.signals.reconstruct import Signals
 
@@ -94,10 +95,7 @@ class Road:
             size = np.linalg.norm(up, axis=0)
             normal, swing = up / size, np.concatenate([-fit @ z_rate, np.zeros((1, self.n))]) / size
             return RoadPlane(normal, swing - normal * dot(normal, swing))
-        normal = unit(2) * np.ones(self.n)
-        if attitude is not None:
-            roll, pitch, _ = attitude
-            normal = turn(0, -roll, turn(1, -pitch, normal))
+        normal = vertical(attitude, self.n)
         return RoadPlane(normal, cross(normal, omega))
 
     def height(self, c: str, plane: RoadPlane, centre: Array, velocity: Array) -> tuple[Array, Array]:

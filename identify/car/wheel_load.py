@@ -6,24 +6,33 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from lacet.daq.rig import Rig
 from lacet.identify.car.car_tree import orientation
 from lacet.identify.multibody.vectors import Array, cross, turned
+from lacet.identify.signals.reconstruct import Recording
+from lacet.identify.signals.sources import Method
 
 
-def pitches(channel: str, rig: Rig) -> bool:
+def _axes(channel: str, recording: Recording) -> str:
+    """Axes of a wheel load: those that the rig declares, of the body where it follows from a scale."""
+    source, sensor = recording.sources.get(channel), recording.rig.sensor_of(channel)
+    if source is not None and source.method is Method.SCALE:
+        return "body"
+    return "carrier" if sensor is None else sensor.axes
+
+
+def pitches(channel: str, recording: Recording) -> bool:
     """Whether a wheel load is measured in axes that pitch with the carrier."""
-    sensor = rig.sensor_of(channel)
-    return sensor is None or sensor.axes in ("carrier", "sensor")
+    return _axes(channel, recording) in ("carrier", "sensor")
 
 
-def load_in_body(values: Mapping[str, Array], channel: str, carrier: Array, rig: Rig, normal: Array) -> Array:
-    """A wheel load in body axes (3, N), from the axes that the rig declares for it; `carrier` : axes (3, 3, N)."""
+def load_in_body(
+    values: Mapping[str, Array], channel: str, carrier: Array, recording: Recording, normal: Array
+) -> Array:
+    """A wheel load in body axes (3, N), from the axes that it is measured in; `carrier` : axes (3, 3, N)."""
     load, spin_axis = values.get(channel), carrier[:, 1]
     if load is None:
         return np.zeros_like(spin_axis)
-    sensor = rig.sensor_of(channel)
-    axes = "carrier" if sensor is None else sensor.axes
+    sensor, axes = recording.rig.sensor_of(channel), _axes(channel, recording)
     if axes == "body":
         return load
     if axes == "tydex_c":  # x parallel to the road, y along the spin axis

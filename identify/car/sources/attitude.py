@@ -24,11 +24,11 @@ _PASSES = 3
 """Passes, as the rates of roll and pitch depend on roll and pitch."""
 
 
-def attitude_by_gravity(recording: Recording, speed: str) -> Array:
+def attitude_by_gravity(recording: Recording, speed: str | None) -> Array:
     """(3, N) roll, pitch, yaw of the inertial unit to the ground [rad]; yaw is zero at the start.
 
-    `speed` : a channel whose first component is the forward speed, which tells the car's own acceleration from gravity.
-    Roll and pitch are those that fit the integrated rates and, at every instant, gravity
+    `speed` : a channel whose first component is the forward speed, which tells the car's own acceleration from gravity;
+    None of a car that stands. Roll and pitch are those that fit the integrated rates and, at every instant, gravity
     best: the smoother of a random walk, which a tridiagonal system solves (Rauch, Tung and Striebel, 1965).
     """
     signals, rig, rate = recording.signals, recording.rig, recording.filters.rate
@@ -36,7 +36,7 @@ def attitude_by_gravity(recording: Recording, speed: str) -> Array:
     body = body_motion(signals, rig, n)
     x, y, z = body.accel
     zero = max(rig.tolerance("imu.rate", "zero"), LEAST_ZERO)
-    v = signals.value[speed][0]
+    v = np.zeros(n) if speed is None else signals.value[speed][0]
     x, y = x - derivative(v[None], rate)[0], y - v * body.omega[2]
     by_gravity = np.stack([np.arctan2(y, z), -np.arcsin(np.clip(x / GRAVITY, -1.0, 1.0))])
     angles = by_gravity.mean(axis=1, keepdims=True) * np.ones((2, n))

@@ -17,7 +17,7 @@ from lacet.identify.car.sources.car_bus import LATERAL, YAW_RATE, BusAccel, BusR
 from lacet.identify.car.sources.nominal_load import NominalLoad
 from lacet.identify.car.sources.travel import DamperTravel, LoadTravel, UnsprungForce
 from lacet.identify.car.sources.wheel_angles import Camber, Steer, SteeringWheel, SteerOfOther, Turning
-from lacet.identify.car.sources.wheel_force import LoadCell, Pushrod
+from lacet.identify.car.sources.wheel_force import LoadCell, Pushrod, Scale
 from lacet.identify.car.sources.wheel_moment import ContactMoment, Outboard
 from lacet.identify.car.sources.wheel_speed import RolledSpeed, Speed, speed_of_turns
 from lacet.identify.car.table_errors import table_assumptions
@@ -72,9 +72,10 @@ class _Completion:
     def done(self) -> Recording:
         """The recording with what was found."""
         recording = self.recording
-        speed = next((name for name in SPEEDS if self._has(name)), "")
-        if speed and self._has(*_INERTIAL) and not self._has("imu.attitude"):
-            self._attitude(speed)
+        speed = next((name for name in SPEEDS if self._has(name)), None)
+        stands = any(self._has(f"scale.{c}.load") for c in CORNERS)
+        if (speed or stands) and self._has(*_INERTIAL) and not self._has("imu.attitude"):
+            self._attitude(None if stands else speed)
             recording = self.recording
         if not self._has(*_INERTIAL):
             self._bus()
@@ -113,11 +114,11 @@ class _Completion:
     def _all(self, channel: str, kind: Kind) -> tuple[Kind, ...]:
         return (kind,) * CHANNELS[channel].width
 
-    def _attitude(self, speed: str) -> None:
+    def _attitude(self, speed: str | None) -> None:
         attitude = attitude_by_gravity(self.recording, speed)
         signals = self.recording.signals
         self.sources["imu.attitude"] = Source(
-            self._all("imu.attitude", Kind.DERIVED), Method.GRAVITY, (*_INERTIAL, speed)
+            self._all("imu.attitude", Kind.DERIVED), Method.GRAVITY, (*_INERTIAL, *((speed,) if speed else ()))
         )
         self.recording = replace(
             self.recording,
@@ -166,7 +167,7 @@ class _Completion:
             self._add(law, Method.PUSHROD, (Kind.ASSUMED, Kind.ASSUMED, Kind.DERIVED), (rod, *_INERTIAL))
         elif self._has(load := f"scale.{c}.load"):
             kinds = (Kind.ASSUMED, Kind.ASSUMED, Kind.MEASURED)
-            self._add(LoadCell(corner, load, rig, *shares, outboard), Method.SCALE, kinds, (load, *_INERTIAL))
+            self._add(Scale(corner, rig, *shares, outboard), Method.SCALE, kinds, (load, *_INERTIAL))
         elif self._no_load and ((sprung := self._assume(SPRUNG_MASS)).given or self._given_parameters):
             law = NominalLoad(
                 corner, rig, sprung if sprung.given else None, self._assume("static_load", c), self._given_parameters,

@@ -9,10 +9,10 @@ import numpy as np
 from lacet.daq.assumptions import Assumption
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Corner
-from lacet.identify.car.body_motion import body_motion
+from lacet.identify.car.body_motion import body_attitude, body_motion, vertical
 from lacet.identify.car.car_tree import kinematics
 from lacet.identify.multibody.chain import FrameMotion
-from lacet.identify.multibody.vectors import Array, cross
+from lacet.identify.multibody.vectors import Array, cross, dot
 from lacet.identify.signals.reconstruct import Signals
 from lacet.identify.signals.sources import Law, Series
 
@@ -42,13 +42,42 @@ def inboard_mass(signals: Signals, unsprung: Assumption, outboard: Assumption | 
 
 @dataclass(frozen=True)
 class LoadCell(Law[Signals]):
-    """Wheel force from a vertical load in carrier axes, by a load cell or, of `standing` cars, by a scale.
-
-    `load` : its channel; `weight` : mass between it and the point the wheel forces belong to, above it.
-    """
+    """Wheel force from a vertical load in carrier axes, by a load cell; `load` : its channel."""
 
     corner: Corner
     load: str
+    rig: Rig
+    lateral: Assumption
+    longitudinal: Assumption
+
+    @property
+    def channel(self) -> str:
+        """The wheel force."""
+        return f"wheel.{self.corner.name}.force"
+
+    @property
+    def assumptions(self) -> tuple[Assumption, ...]:
+        """Shares of the horizontal forces."""
+        return self.lateral, self.longitudinal
+
+    def series(self, signals: Signals) -> Series:
+        """The force."""
+        load = signals.value[self.load][0]
+        _, accel = corner_motion(self.corner, signals, self.rig, load.size)
+        force = shares(signals, self.lateral, self.longitudinal, load, accel)
+        return Series(force, np.zeros_like(force), np.zeros_like(force))
+
+
+@dataclass(frozen=True)
+class Scale(Law[Signals]):
+    """Wheel force from a corner scale, or the load cell of a post, under the tyre: in body axes (3, N).
+
+    It measures along the vertical, which leans in the body's axes as the body rolls and pitches, and in the carrier's
+    with the camber, too. Horizontal parts are in proportion to the body's horizontal acceleration. `weight` : mass
+    between the scale and the point that the wheel forces belong to.
+    """
+
+    corner: Corner
     rig: Rig
     lateral: Assumption
     longitudinal: Assumption
@@ -66,11 +95,15 @@ class LoadCell(Law[Signals]):
 
     def series(self, signals: Signals) -> Series:
         """The force."""
-        load = signals.value[self.load][0]
-        _, accel = corner_motion(self.corner, signals, self.rig, load.size)
+        load = signals.value[f"scale.{self.corner.name}.load"][0]
         if self.weight is not None:
             load = load - signals.assumed[self.weight.name][0] * GRAVITY
-        force = shares(signals, self.lateral, self.longitudinal, load, accel)
+        _, accel = corner_motion(self.corner, signals, self.rig, load.size)
+        up = vertical(body_attitude(signals.value, self.rig), load.size)
+        level = accel - up * dot(accel, up)
+        force = shares(signals, self.lateral, self.longitudinal, load, level)
+        force[2] = 0.0
+        force = force + up * load
         return Series(force, np.zeros_like(force), np.zeros_like(force))
 
 

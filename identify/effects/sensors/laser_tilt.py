@@ -9,7 +9,7 @@ import numpy as np
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.car.kinematics import body_attitude
+from lacet.identify.car.body_motion import body_attitude
 from lacet.identify.car.road import Road
 from lacet.identify.effects.base import Parameter, SensorFault
 from lacet.identify.multibody.vectors import Array, unit

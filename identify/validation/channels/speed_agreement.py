@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.channels import CHANNELS
-from lacet.identify.car.body_motion import body_motion
-from lacet.identify.car.kinematics import body_attitude, body_velocity
+from lacet.identify.car.body_motion import body_attitude, body_motion
+from lacet.identify.car.kinematics import body_velocity
 from lacet.identify.effects.base import SensorFault
 from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY

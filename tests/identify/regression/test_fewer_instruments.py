@@ -268,6 +268,28 @@ def test_corner_scales_give_the_static_rows() -> None:
     assert total == pytest.approx(scales - 9.80665 * outboard, abs=5.0)
 
 
+def test_a_scale_measures_along_the_vertical_while_the_body_rolls_and_the_wheel_leans() -> None:
+    """On posts that roll the car by 3°: no part of the load lies in the road, whatever the camber."""
+    run = standing()
+    t = run.signals["imu.accel"].t
+    roll, rate = 0.05 * np.sin(t), 0.05 * np.cos(t)
+    zero = np.zeros_like(t)
+    signals = run.signals | {
+        "imu.accel": Signal(t, 9.80665 * np.stack([zero, np.sin(roll), np.cos(roll)], 1), zero.astype(np.uint8)),
+        "imu.rate": Signal(t, np.stack([rate, zero, zero], 1), zero.astype(np.uint8)),
+        "camera.fl.camber": Signal(t, np.full((t.size, 1), 0.04), zero.astype(np.uint8)),
+        **{f"scale.{c}.load": Signal(t, np.full((t.size, 1), 4000.0), zero.astype(np.uint8)) for c in CORNERS},
+    }
+    motion = PreparedRun.of(replace(run, signals=signals), VEHICLE, RIG).motion
+    inside = slice(200, -200)
+    upright = np.stack([np.zeros(motion.t.size), np.sin(0.05 * np.sin(motion.t)), np.cos(0.05 * np.sin(motion.t))])
+    for c in CORNERS:
+        load = 4000.0 - 9.80665 * VEHICLE.assumption("outboard_mass", c).value
+        force = motion.corners[c].force[:, inside]
+        # The rest is gravity at an inertial unit that swings with the body, taken for its attitude.
+        assert np.max(np.linalg.norm(force - load * upright[:, inside], axis=0)) < 0.005 * load
+
+
 def test_every_rig_names_known_channels() -> None:
     """The made channels are of the vocabulary."""
     whole = cars.piece("sine", 5.0, 6.0)
