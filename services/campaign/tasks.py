@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import traceback
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -384,7 +385,9 @@ def _or_broken(reference: RunReference, compute: Callable[[], T]) -> T | Broken:
     except LacetError as error:
         return Broken({reference.name: str(error)})
     except (OSError, ArithmeticError, ValueError, LookupError, TypeError, AssertionError) as error:
-        return Broken({reference.name: f"{type(error).__name__}: {error}"})
+        at = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{at.name} in {Path(at.filename).name}, line {at.lineno}"
+        return Broken({reference.name: f"{type(error).__name__}: {str(error) or 'no reason'} ({where})"})
 
 
 def reduced_root(run: RunEquations | Broken, sigma: Mapping[Row, float]) -> Array | Broken:

@@ -85,6 +85,12 @@ def _compared(doubt: Doubt) -> str:
                 "the suspension travels have the sign opposite to imu.rate x and y: compression is positive, and so "
                 "are the rates with the right side and the nose down"
             )
+        case Symptom.TRAVEL_SIZE:
+            where = " and ".join(doubt.subject)
+            return (
+                f"the body rolls {doubt.value:.2g} times as far (imu.rate x) as the suspension travels say ({where}): "
+                "their unit or scale"
+            )
         case Symptom.ROLL_RATE_SIGN | Symptom.PITCH_RATE_SIGN:
             return _tilting(doubt)
         case Symptom.STEER_SIGN:

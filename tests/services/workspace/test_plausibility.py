@@ -17,7 +17,7 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run, Signal, signal_of
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.signals.for_equations import for_equations
+from lacet.identify.signals.for_equations import design_reading, for_equations
 from lacet.identify.validation.plausibility import doubtful_channels
 from lacet.services.render.plausibility import sentence
 from lacet.services.workspace.loading import load
@@ -110,6 +110,23 @@ def test_a_side_acceleration_of_the_other_sign_is_told_by_potentiometers_on_the_
         told, rig = for_equations(changed(run, "imu.accel", "y", sign), car, RIG)
         said = implausible(PreparedRun.of(told, car, rig))
         assert [("leans into the turn" in line) for line in said] == ([] if sign > 0.0 else [True, True])
+
+
+@pytest.mark.parametrize(("factor", "axle", "says"), [
+    (0.1, "", "the body rolls 12 times as far (imu.rate x) as the suspension travels say (front and rear)"),
+    (0.1, "r", "as the suspension travels say (rear): their unit or scale"),
+    (7.0, "f", "the body rolls 0.18 times as far (imu.rate x) as the suspension travels say (front)"),
+    (1.5, "", ""),
+])  # fmt: skip
+def test_travels_of_another_scale_are_told_by_the_roll_in_turns(factor: float, axle: str, says: str) -> None:
+    """By what the lasers read about their design height; on a rough road straight ahead nothing is compared."""
+    for name in ("sine", "rough"):
+        run = few_instruments(name)
+        hubs = {c: f"laser.{c}.hub" for c in CORNERS if c.startswith(axle)}
+        design = {c: design_reading(RIG, VEHICLE.corners[c]) for c in hubs}
+        values = {hub: design[c] + factor * (run.signals[hub].values - design[c]) for c, hub in hubs.items()}
+        said = implausible(drive_of(run.with_values(values)))
+        assert [says in line for line in said] == ([True] if says and name == "sine" else [])
 
 
 def with_motion_ratio(folder: Path) -> Vehicle:
