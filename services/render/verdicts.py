@@ -25,6 +25,8 @@ from lacet.services.render.shape_constants import constants_text
 K = TypeVar("K")
 NOT_NAMED = (Reason.PART_OF_REST, Reason.TIED)
 """Reasons why an effect of the set found is no name beside an unlisted cause."""
+_MOST = 0.5
+"""Part of the error above which an effect explains most of it."""
 
 
 def says(d: Diagnosis) -> str:
@@ -32,7 +34,9 @@ def says(d: Diagnosis) -> str:
     if d.found:
         text = _missing(d) if len(d.found) == 1 else _several(d)
         return f"{text}{_without_tables(d)}{_remaining(d)}{_in_part(d)}{_small(d)}{_maybe(d)}"
-    return f"{_unlisted(d)}{_without_tables(d)}{_in_part(d)}{_maybe(d)}" if d.unlisted else _nothing(d)
+    if d.unlisted:
+        return f"{_unlisted(d)}{_without_tables(d)}{_in_part(d)}{_maybe(d)}"
+    return _nothing(d)
 
 
 def why(d: Diagnosis, c: Candidate) -> str:
@@ -77,8 +81,7 @@ def reason_text(c: Candidate, effect: Effect | None, draws: int) -> str:
         case Reason.CONFOUNDED:
             return f"{takes} Undecided: an error of these tables could be a part of {c.stands_for}."
         case Reason.IMPLAUSIBLE:
-            wrong = _implausible(c, effect)
-            return f"{takes} Implausible size: {wrong}, which no car has; something else looks like it ({chance})."
+            return f"{takes} Implausible size: {_implausible(c, effect)}; {_instead(effect)} ({chance})."
         case Reason.PART_OF_REST:
             return (
                 f"{takes} Undecided: at least as much as it explains remains unlisted in its rows; it may be a part of "
@@ -235,6 +238,11 @@ def _implausible(c: Candidate, effect: Effect) -> str:
     return f"{last_name(q)} would be {size} {q.unit} (plausible: {q.low:g} to {q.high:g})"
 
 
+def _instead(effect: Effect) -> str:
+    """What to make of an effect of implausible size."""
+    return "look at this instrument first" if effect.as_fault else "no car has that, and something else looks like it"
+
+
 def _beyond(wrong: Implausible) -> str:
     return f"above {wrong.low:.3g}" if math.isfinite(wrong.low) else f"below {wrong.high:.3g}"
 
@@ -347,6 +355,19 @@ def _without_tables(d: Diagnosis) -> str:
     return f"{out} With a bench table in the vehicle file a diagnosis can decide." if out else ""
 
 
+def _beyond_plausible(d: Diagnosis) -> str:
+    """What alone explains more than all other effects, and more than half, at a size that nothing has."""
+    tested = [c for c in d.candidates if c.tested]
+    best = max(tested, key=lambda c: c.gain, default=None)
+    if best is None or best.reason is not Reason.IMPLAUSIBLE or best.gain <= _MOST:
+        return ""
+    effect = d.effects[best.key]
+    share = f"{100 * best.gain:.0f} % of what {_listed(best.rows)} leave"
+    return (
+        f" {best.key} would explain {share}, at an implausible size: {_implausible(best, effect)}; {_instead(effect)}."
+    )
+
+
 def _in_part(d: Diagnosis) -> str:
     """Listed effects that explain part of the error and are not named beside an unlisted cause."""
     parts = [c for c in d.candidates if c.reason in NOT_NAMED]
@@ -396,6 +417,7 @@ def _unlisted(d: Diagnosis) -> str:
         f"effect of the catalogue explains it with a plausible size, beyond chance, and what remains is not noise."
     )
     text += "".join(f" {_not_constant(d, key, runs)}" for key, runs in grounds.not_constant.items())
+    text += _beyond_plausible(d)
     if not d.formulas:
         return f"{text} No law of the measured states describes it: it may depend on something that is not measured."
     return _with_law(text, d.formulas)

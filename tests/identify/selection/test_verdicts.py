@@ -42,6 +42,24 @@ def test_a_law_of_no_catalogue_is_unlisted_and_its_formula_comes_first(hidden: D
     assert set(hidden.failing) >= {"suspension.fl", "suspension.fr"}
 
 
+def test_what_explains_most_at_an_implausible_size_is_named_with_what_to_look_at(hidden: Diagnosis):
+    """An instrument first of all; of a physical effect that it only looks like one. Where another explains more: not."""
+    fault = next(key for key, e in hidden.effects.items() if e.as_fault)
+    law = next(key for key, e in hidden.effects.items() if e.as_physics)
+    for key, advice in ((fault, "look at this instrument first"), (law, "something else looks like it")):
+        high = hidden.effects[key].parameters[0].high
+        far = Candidate(
+            key, {}, answer=Answer.IMPLAUSIBLE, reason=Reason.IMPLAUSIBLE, gain=0.96, rows=(hidden.unlisted_rows[0],),
+            values=(20.0 * high,), interval=(high,),
+        )  # fmt: skip
+        said = says(replace(hidden, candidates=(far, *hidden.candidates)))
+        assert f"{key} would explain 96 % of what {hidden.unlisted_rows[0]} leave" in said
+        assert advice in said
+        assert "would explain" not in says(replace(hidden, candidates=(replace(far, gain=0.3), *hidden.candidates)))
+    assert "would explain" not in says(hidden)
+
+
+
 def test_the_same_law_in_the_catalogue_is_missing(unlisted: Fit, floor: NoiseFloor):
     """As a one-line effect it is named, with its size."""
     found = diagnose(unlisted, floor, [*CANDIDATES[:3], HIDDEN])
