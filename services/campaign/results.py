@@ -40,6 +40,7 @@ def campaign_result(found: CampaignFit, cluster: Cluster, steps: Sequence[Diagno
                  "seconds": run.seconds, "overall": pooled_ratio({"": found.scores[run.reference.name]})}
                 for run in campaign.runs
             ],
+            "doubtful": [run.reference.name for run in campaign.runs if not run.sound],
             "broken": dict(campaign.broken),
             "passes": cluster.passes,
             "passes_over_sums": cluster.sums,

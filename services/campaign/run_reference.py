@@ -120,6 +120,7 @@ class ReadRun:
     rig, vehicle : of the run.
     prepared : ready for fitting.
     warnings : about the run, one line each.
+    sound : whether no channel of it is in doubt.
     """
 
     reference: RunReference
@@ -127,6 +128,7 @@ class ReadRun:
     vehicle: Vehicle
     prepared: PreparedRun
     warnings: tuple[str, ...]
+    sound: bool
 
 
 def read_run(reference: RunReference, settings: Settings) -> ReadRun:
@@ -147,7 +149,7 @@ def read_run(reference: RunReference, settings: Settings) -> ReadRun:
     vehicle = settings.car if settings.vehicle else find_vehicle(run, None)
     ready = prepare_run(run, vehicle, rig, settings.filters, warnings)
     ready = ready.with_noise(ready.noise)  # of this run alone: a task sees no other
-    return ReadRun(replace(reference, digest=digest), rig, vehicle, ready.prepared, tuple(warnings))
+    return ReadRun(replace(reference, digest=digest), rig, vehicle, ready.prepared, tuple(warnings), ready.sound)
 
 
 @contextmanager

@@ -80,6 +80,7 @@ class Survey:
     wheel_reference : ``contact`` or ``hub``.
     seconds : length of the run [s].
     warnings : about the run, one line each.
+    sound : whether no channel of it is in doubt.
     """
 
     reference: RunReference
@@ -89,6 +90,7 @@ class Survey:
     wheel_reference: str
     seconds: float
     warnings: tuple[str, ...]
+    sound: bool
 
 
 @dataclass(frozen=True)
@@ -337,7 +339,7 @@ def survey(reference: RunReference, settings: Settings) -> Survey | Broken:
         recording = run.prepared.recording
         return Survey(
             run.reference, run.vehicle.text, run.rig.text, run.rig.name, recording.reference,
-            float(np.ptp(recording.t)), run.warnings,
+            float(np.ptp(recording.t)), run.warnings, run.sound,
         )  # fmt: skip
 
     return _or_broken(reference, found)

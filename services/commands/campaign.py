@@ -201,3 +201,6 @@ def _print(result: dict[str, Any], most: int) -> None:
     print(f"{result['passes']} passes over the runs, {result['passes_over_sums']} over their sums{lost}.")
     for warning in result["warnings"]:
         print(f"! {warning}")
+    if result["doubtful"]:
+        names = ", ".join(result["doubtful"])
+        print(f"\nIn doubt, and in the fit: {names} (the lines with ! say why). Mend them, or repeat without.")

@@ -43,13 +43,13 @@ def test_a_law_of_no_catalogue_is_unlisted_and_its_formula_comes_first(hidden: D
 
 
 def test_what_explains_most_at_an_implausible_size_is_named_with_what_to_look_at(hidden: Diagnosis):
-    """An instrument first of all; of a physical effect that it only looks like one. Where another explains more: not."""
+    """An instrument first of all; of a law that it only looks like one. Where others explain more: not."""
     fault = next(key for key, e in hidden.effects.items() if e.as_fault)
     law = next(key for key, e in hidden.effects.items() if e.as_physics)
     for key, advice in ((fault, "look at this instrument first"), (law, "something else looks like it")):
         high = hidden.effects[key].parameters[0].high
         far = Candidate(
-            key, {}, answer=Answer.IMPLAUSIBLE, reason=Reason.IMPLAUSIBLE, gain=0.96, rows=(hidden.unlisted_rows[0],),
+            key, {}, Answer.IMPLAUSIBLE, Reason.IMPLAUSIBLE, gain=0.96, rows=(hidden.unlisted_rows[0],),
             values=(20.0 * high,), interval=(high,),
         )  # fmt: skip
         said = says(replace(hidden, candidates=(far, *hidden.candidates)))
@@ -57,7 +57,6 @@ def test_what_explains_most_at_an_implausible_size_is_named_with_what_to_look_at
         assert advice in said
         assert "would explain" not in says(replace(hidden, candidates=(replace(far, gain=0.3), *hidden.candidates)))
     assert "would explain" not in says(hidden)
-
 
 
 def test_the_same_law_in_the_catalogue_is_missing(unlisted: Fit, floor: NoiseFloor):
@@ -193,7 +192,7 @@ def candidate(effect: Effect, **changed: object) -> Candidate:
         ({}, "missing", ("12.3 N RMS off suspension.fl, suspension.fr", "40.0 ± 6.0 N", "never did as well in 39")),
         ({"p": 0.2}, "not needed", ("p = 0.2", "0.025")),
         ({"gain": 0.004}, "smaller than asked for", ("less than 1 %",)),
-        ({"values": (-40.0,)}, "implausible size", ("-40.0 ± 6.0 N", "plausible: 0 to 500", "which no car has")),
+        ({"values": (-40.0,)}, "implausible size", ("-40.0 ± 6.0 N", "plausible: 0 to 500", "no car has that")),
         ({"values": (-4.0,)}, "missing", ("-4.0 ± 6.0 N",)),
         ({"values": (900.0,)}, "implausible size", ("900.0 ± 6.0 N",)),
     ],

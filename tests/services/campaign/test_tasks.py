@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from lacet.daq.errors import UsageError
+from lacet.daq.formats.exchange import write_table
+from lacet.daq.formats.open_run import open_run
 from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.regression.qr_accumulation import RunEquations
 from lacet.identify.regression.sensitivity import ExpansionPoint
@@ -150,3 +152,15 @@ def test_a_law_of_no_catalogue_reaches_a_worker_as_its_line(kind: str) -> None:
         assert [row.text for row in found.line.rows] == [row.text for row in first.line.rows]
     bump = replace(known["bump_stop.rear"], shape={"gap": 0.0123})
     assert PlainEffect.of(bump).among(known) == bump
+
+
+def test_a_run_with_a_channel_in_doubt_is_named_as_such(run: Path, surveyed: Survey, tmp_path: Path) -> None:
+    """It stays in the campaign: gravity downwards, of a sensor with its z axis the other way."""
+    assert surveyed.sound
+    whole = open_run(run)
+    accel = whole.signals["imu.accel"].values * np.array([1.0, 1.0, -1.0])
+    write_table(whole.with_values({"imu.accel": accel}), turned := tmp_path / "turned.parquet")
+    found = tasks.survey(RunReference(str(turned), "turned"), SETTINGS)
+    assert isinstance(found, Survey)
+    assert not found.sound
+    assert any(line.startswith("turned: ") for line in found.warnings)
