@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -39,12 +39,15 @@ from lacet.services.campaign.ranking_tasks import (
     ColumnNoiseAt,
     Draws,
     FitAt,
+    LacksAt,
+    PlainEffect,
     PlainWeighting,
     ProductsAt,
     RunSurvey,
     SamplesAt,
     SurveyAt,
     added,
+    of_the_first,
 )
 from lacet.services.campaign.run_reference import RunReference
 from lacet.services.campaign.tasks import State
@@ -79,6 +82,9 @@ class CampaignRanking:
     cluster: Cluster
     found: CampaignFit
     draws: int = DEFAULT_DRAWS
+    _lacks: dict[str, Unmeasured | None] = field(
+        default_factory=dict[str, "Unmeasured | None"], init=False, repr=False, compare=False
+    )
 
     @property
     def fitted(self) -> FittedModel:
@@ -168,7 +174,13 @@ class CampaignRanking:
 
     def unmeasured(self, effects: Sequence[Effect]) -> Mapping[str, Unmeasured]:
         """Key → what a run lacks, of the first such run, for effects that cannot be computed."""
-        return {effect.key: lack for effect in effects if (lack := self.survey.lacks.get(effect.key)) is not None}
+        others = [one for one in effects if one.key not in self.candidates and one.key not in self._lacks]
+        if others:
+            state = LacksAt(self.plain, tuple(map(PlainEffect.of, others)))
+            found = self.reduce(state, of_the_first, "what laws need")
+            self._lacks.update({one.key: found.get(one.key) for one in others})
+        known = {**self._lacks, **self.survey.lacks}
+        return {effect.key: lack for effect in effects if (lack := known.get(effect.key)) is not None}
 
     def absent(self, effect: Effect) -> Unmeasured | None:
         """None: the runs are elsewhere."""

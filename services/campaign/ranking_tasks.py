@@ -146,7 +146,7 @@ class RunSurvey:
             {row: sum(part.squares.get(row, 0.0) for part in parts) for row in rows},
             {row: sum(part.counts.get(row, 0) for part in parts) for row in rows},
             tuple(dict.fromkeys(entry for part in parts for entry in part.sheet)),
-            {key: lack for part in reversed(parts) for key, lack in part.lacks.items()},
+            of_the_first([part.lacks for part in parts]),
         )
 
     @property
@@ -183,6 +183,25 @@ class SurveyAt(_OfSelection):
             fit.sheet_entries,
             {key: lack for key, lack in lacks if lack is not None},
         )
+
+
+@dataclass(frozen=True)
+class LacksAt(_OfSelection):
+    """What a run lacks for laws that no catalogue has: key → the channels; those it can show are absent."""
+
+    fit: FitAt
+    laws: tuple[PlainEffect, ...]
+
+    def sums(self, run: SingleRun) -> dict[str, Unmeasured]:
+        """What it lacks."""
+        prepared, known = self.fit.fit(run).runs[0], run.settings.known_effects()
+        lacks = ((law.key, prepared.lacks(law.among(known))) for law in self.laws)
+        return {key: lack for key, lack in lacks if lack is not None}
+
+
+def of_the_first(parts: Sequence[Mapping[str, Unmeasured]]) -> dict[str, Unmeasured]:
+    """What runs lack, of the first that lacks it."""
+    return {key: lack for part in reversed(parts) for key, lack in part.items()}
 
 
 @dataclass(frozen=True)

@@ -10,22 +10,28 @@ from typing import Any, TypeVar
 import numpy as np
 import pytest
 
+from lacet.daq.formats.exchange import write_table
+from lacet.daq.formats.open_run import open_run
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sums.tree import merged
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.selection.columns.cross_products import CrossProducts, Extent, SumsOfRuns
 from lacet.identify.selection.columns.layout import Layout
+from lacet.identify.selection.laws.grammar import pool
 from lacet.identify.selection.partial_regression import GainsTask
 from lacet.identify.validation.noise_floor import floor_of
 from lacet.services.campaign import tasks
 from lacet.services.campaign.ranking_tasks import (
     Draws,
     FitAt,
+    LacksAt,
+    PlainEffect,
     PlainWeighting,
     ProductsAt,
     RunSurvey,
     SamplesAt,
     SurveyAt,
+    of_the_first,
 )
 from lacet.services.campaign.run_reference import RunReference, Settings
 from lacet.services.campaign.tasks import Broken, EquationsAt, State, Survey
@@ -143,6 +149,26 @@ def test_the_survey_has_the_noise_of_the_runs(whole: Fit, plain: FitAt, referenc
     known = SETTINGS.known_effects()
     expected = {key for key in keys if any(run.lacks(known[key]) for run in whole.runs)}
     assert set(found.lacks) == expected
+
+
+def test_laws_of_no_catalogue_that_a_run_cannot_show_are_told_apart(
+    plain: FitAt, places: Sequence[Path], references: list[RunReference], tmp_path: Path
+) -> None:
+    """What the first run lacks that lacks it: here a speed sensor in the second of two."""
+    laws = [cls("") for cls in pool("chassis.fx")] + [cls("rear") for cls in pool("suspension")]
+    state = LacksAt(plain, tuple(map(PlainEffect.of, laws)))
+    assert over_runs(references, state, of_the_first) == {}
+    whole = open_run(places[1])
+    signals = {name: signal for name, signal in whole.signals.items() if name != "correvit.speed"}
+    write_table(replace(whole, signals=signals), tmp_path / "slow.parquet")
+    found = tasks.survey(RunReference(str(tmp_path / "slow.parquet"), "slow"), SETTINGS)
+    assert isinstance(found, Survey)
+    lacks = over_runs([references[0], found.reference], state, of_the_first)
+    uses = {law.key: [use.state.channels for use in law.line.rows[0].uses.values()] for law in laws}
+    of_speed = {key for key, channels in uses.items() if any("correvit" in c for some in channels for c in some)}
+    assert of_speed
+    assert set(lacks) == of_speed
+    assert {lack.run for lack in lacks.values()} == {"slow"}
 
 
 def test_draws_of_single_runs_are_combined_into_campaigns(plain: FitAt, references: list[RunReference]) -> None:
