@@ -35,5 +35,6 @@ def implausible_text(result: Mapping[str, Any]) -> str:
     verb = "has a value" if len(found) == 1 else "have values"
     return (
         f"{named}{more} {verb} that no car has: a channel there may have the other sign, another unit or another place "
-        "than stated (lacet info --rows: what each row is computed from). Look at these before what the model lacks"
+        "than stated (lacet info --rows: what each row is computed from), or an instrument a clock of its own "
+        "(lacet check --only latency). Look at these before what the model lacks"
     )
