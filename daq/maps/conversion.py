@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,29 @@ from lacet.daq.sources.columns import SINCE_1970
 from lacet.daq.sources.open_source import open_source
 from lacet.daq.sources.source import Array, Series, Source, resolve
 from lacet.daq.units import read_unit
+
+
+@dataclass(frozen=True)
+class _Dropped:
+    """Samples left out because their time does not increase: how many, the last time before, and the step back [s]."""
+
+    count: int
+    since: float
+    back: float
+
+    def and_so(self, more: int) -> _Dropped:
+        """With more of them."""
+        return replace(self, count=self.count + more)
+
+    def note(self, name: str) -> str:
+        """What is said of them, for the column of the time or the first one that has it."""
+        text = f"{name}: {self.count} samples have a time that does not increase and are left out"
+        if not self.back > 0.0:
+            return text
+        return (
+            f"{text}, as all that has its times; after {self.since:.2f} s it steps back by {self.back:.6g} s: a clock "
+            "that was set back, or several recordings in one file, which can be imported one by one"
+        )
 
 
 @dataclass
@@ -40,7 +63,7 @@ class Conversion:
     _places: dict[str, tuple[int, str]] = field(default_factory=dict)
     _offsets: list[float] = field(default_factory=list)
     _last: dict[tuple[int, str], float] = field(default_factory=dict)
-    _dropped: dict[str, int] = field(default_factory=dict)
+    _dropped: dict[str, _Dropped] = field(default_factory=dict)
     _ending: dict[tuple[int, str], float] = field(default_factory=dict)
     _sampled: set[tuple[int, str]] = field(default_factory=set)
     _made: set[str] = field(default_factory=set)
@@ -96,8 +119,7 @@ class Conversion:
                 self.notes.append(
                     f"{one.channel.name} was left out: no sample of {', '.join(absent or ['it'])} is in the log"
                 )
-        for name, count in self._dropped.items():
-            self.notes.append(f"{name}: {count} samples have a time that does not increase and are left out")
+        self.notes += [one.note(name) for name, one in self._dropped.items()]
         for source in self.sources:
             self.notes += [note for note in source.notes if note not in self.notes]
         for one in self.assemblies:
@@ -137,7 +159,10 @@ class Conversion:
             highest = np.maximum.accumulate(np.concatenate([[last], np.where(finite, t, -np.inf)]))[:-1]
             keep = finite & (t > highest)
             if not keep.all():
-                self._dropped[time or name] = self._dropped.get(time or name, 0) + int(np.count_nonzero(~keep))
+                first = int(np.argmin(keep))
+                new = _Dropped(int(np.count_nonzero(~keep)), float(highest[first]), float(highest[first] - t[first]))
+                before = self._dropped.get(time or name)
+                self._dropped[time or name] = new if before is None else before.and_so(new.count)
             shared[place] = (t if keep.all() else t[keep], None if keep.all() else keep)
         t, kept = shared[place]
         values = values if kept is None else values[kept]

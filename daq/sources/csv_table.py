@@ -98,7 +98,7 @@ class CsvTable(Source):
                     f"no column is a time (none increases all the time); the columns are {some}: say which in the map, "
                     '[read] time = "NAME", or the rate of a table without times, [read] rate = 100',
                 )
-            if self._time.note:
+            if self._time.note and self._time.name not in self._clock_columns:
                 self.notes.append(self._time.note)
             if self._time.epoch:
                 self._origin = self.counted_from(float(np.nanmin(numbers[self._time.name])) * self._time.factor)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -277,7 +278,8 @@ def test_times_that_go_back_are_left_out_and_counted(tmp_path: Path) -> None:
     t[50] = 0.1
     run = made(table(tmp_path / "a.csv", t=t, A=T), '[channels]\n"car.speed" = { from = "A", unit = "m/s" }')
     assert len(run.signals["car.speed"].t) == len(T) - 1
-    assert any("1 samples have a time that does not increase" in problem for problem in run.problems)
+    (said,) = (problem for problem in run.problems if "1 samples have a time that does not increase" in problem)
+    assert re.search(rf"after {T[49]:.2f} s it steps back by {T[49] - 0.1:.6g} s: a clock that was set back", said)
 
 
 def test_a_channel_of_two_names_without_one_usable_time_is_left_out(tmp_path: Path) -> None:

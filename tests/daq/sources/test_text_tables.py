@@ -155,3 +155,16 @@ def test_a_long_table_is_read_in_pieces(tmp_path: Path) -> None:
     assert len(sizes) > 1
     assert sum(sizes) == len(t)
     assert 0.9 < source.done <= 1.0
+
+
+@pytest.mark.parametrize("name", ["Date time", "Time of day", "GPS time [s]", "UTC", "t_ms", "Zeit", "time-stamp"])
+def test_a_column_is_known_as_the_time_by_its_name(tmp_path: Path, name: str) -> None:
+    """Though another before it increases all the time."""
+    source = opened(tmp_path, f"distance,{name}\n1,5.0\n2,5.1\n3,5.2\n")
+    assert list(source.listed) == ["distance"]
+
+
+@pytest.mark.parametrize("name", ["lap_time_delta", "timer", "contact"])
+def test_a_name_that_only_begins_as_one_is_no_time(tmp_path: Path, name: str) -> None:
+    source = opened(tmp_path, f"a,{name}\n1,5.0\n2,5.1\n3,5.2\n")
+    assert name in source.listed
