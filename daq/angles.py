@@ -32,9 +32,9 @@ class ContinuousAngle:
         before = values[:1] if self._last is None else self._last
         low, high = np.quantile(values, _TAILS, axis=0)
         counted = high - low > _WITHIN * _TURN
-        self._counted = counted if self._counted is None else self._counted | counted
+        self._counted = counted = counted if self._counted is None else self._counted | counted
         steps = np.diff(values, axis=0, prepend=before)
-        cut = np.where(self._counted, 0.0, -np.rint(steps / _TURN))
+        cut = np.where(counted, 0.0, -np.rint(steps / _TURN))
         turns = np.cumsum(cut, axis=0) + (0.0 if self._turns is None else self._turns)
         self._last, self._turns = values[-1:], turns[-1:]
         return values + _TURN * turns

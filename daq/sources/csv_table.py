@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
+import pyarrow.compute
 import pyarrow.csv as pa_csv
 
 from lacet.daq.sources.columns import TimeColumn, find_time, is_time_name, units_row, with_unit
 from lacet.daq.sources.source import Array, Listed, Piece, Reading, Series, Source, fault, resolve, unique
 
+pc: Any = pyarrow.compute  # its functions are made when it is loaded
 _HEAD = 1 << 17
 """Beginning of the file from which its form is found [byte]."""
 _LINES = 200

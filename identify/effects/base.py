@@ -403,7 +403,7 @@ def expected_columns(
     out: dict[str, Array] = {}
     for row, table in law(motions).items():
         each = table.reshape(len(table), len(motions), -1)
-        out[row] = np.tensordot(each[:, : len(nodes)], _SHARES, (1, 0))
+        out[row] = np.asarray(np.tensordot(each[:, : len(nodes)], _SHARES, (1, 0)), float)
         if bend is Bend.RATE and (c := row.rpartition(".")[2]) in given:
             out[row] += _linear_part(each[:, -2] - each[:, -1], motion.corners[c])
     return out
