@@ -170,6 +170,20 @@ class LoadFriction(JointEffect):
         return (np.abs(load) * np.sign(rate))[:, None]
 
 
+class MotorGain(JointEffect):
+    """What a motor reads more of the bodies' torque than there is: GM load [ratio].
+
+    The load is found as that of `LoadFriction` is. It is told apart from the bodies where their parameters act on other
+    joints too; the laws of the joint itself have the values that its motor reads.
+    """
+
+    family, letters = "motor_gain", ("GM",)
+
+    def columns(self, s: Array, rate: Array, acceleration: Array, load: Array) -> NDArray[np.float64]:
+        """The load."""
+        return load[:, None]
+
+
 class JointOffset(JointEffect):
     """A constant torque: OFF [N·m], of an amplifier, or of a counterweight's spring."""
 
@@ -223,7 +237,7 @@ class ExternalForce:
 STANDARD: tuple[type[JointEffect], ...] = (RotorInertia, ViscousFriction, CoulombFriction, JointOffset)
 """Laws that a fit has at every joint by default, as in the identification of robots (Gautier)."""
 EVERY: tuple[type[JointEffect], ...] = (
-    *STANDARD, StribeckFriction, LoadFriction, AsymmetricViscous, JointSpring, EncoderOffset
+    *STANDARD, StribeckFriction, LoadFriction, AsymmetricViscous, JointSpring, EncoderOffset, MotorGain
 )  # fmt: skip
 """Laws that a ranking tries at every joint. Asymmetric Coulomb friction is Coulomb friction with an offset."""
 ACROSS: tuple[type[JointEffect], ...] = (RotorInertia, ViscousFriction, CoulombFriction)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.errors import UsageError
-from lacet.identify.chains.effects import STANDARD, EncoderOffset, JointEffect, LoadFriction
+from lacet.identify.chains.effects import STANDARD, EncoderOffset, JointEffect, LoadFriction, MotorGain
 from lacet.identify.chains.samples import JointSamples
 from lacet.identify.multibody.base_parameters import BaseParameters, find_base
 from lacet.identify.multibody.chain import Chain
@@ -28,6 +28,10 @@ _ROUNDING = 1e-8
 """Factor by which a parameter is grouped, both in units of their columns' size, that is 0 [ratio]: numerical."""
 _TURN = 1e-4
 """Step of the differences that give the torques' change with a joint's position [rad]."""
+_NO_CHANGE = 1e-12
+"""Difference of two torques ÷ the largest below which a joint's position changes none [ratio]: numerical."""
+_LOADED = LoadFriction, MotorGain
+"""Laws whose columns depend on the bodies' torques."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +147,7 @@ class ChainModel:
         bodies = standard[: 10 * self.chain.n]
         full = self.chain.coupling.states(samples.q, samples.qd, samples.qdd)
         load = np.zeros_like(samples.q)
-        if any(isinstance(effect, LoadFriction) for effect in self.effects):
+        if any(isinstance(effect, _LOADED) for effect in self.effects):
             load = self.chain.coupling.torques(self.chain.inverse_dynamics(full[0], full[1], full[2], bodies))
         return np.concatenate(self._laws(samples, full, bodies, load), axis=2)
 
@@ -164,7 +168,10 @@ class ChainModel:
         step = np.zeros(self.chain.n)
         step[j - 1] = _TURN
         more, less = (self.chain.inverse_dynamics(full[0] + s * step, full[1], full[2], bodies) for s in (1, -1))
-        return self.chain.coupling.torques(more - less)[:, :, None] / (2.0 * _TURN)
+        change = self.chain.coupling.torques(more - less)
+        if np.max(np.abs(change)) <= _NO_CHANGE * np.max(np.abs(more)):
+            change = np.zeros_like(change)  # an axis along gravity, with nothing before it: only rounding is there
+        return change[:, :, None] / (2.0 * _TURN)
 
     @property
     def offset_places(self) -> list[int]:
@@ -174,7 +181,7 @@ class ChainModel:
     @property
     def iterates(self) -> bool:
         """Whether columns depend on parameters, so that the fit is repeated."""
-        return any(isinstance(effect, EncoderOffset | LoadFriction) for effect in self.effects)
+        return any(isinstance(effect, (EncoderOffset, *_LOADED)) for effect in self.effects)
 
     def shifted(self, samples: JointSamples, standard: Array | None) -> JointSamples:
         """The samples with the joints where they stand by the encoder offsets found."""

@@ -20,7 +20,7 @@ from lacet.services.render.intervals import half_width, to_interval
 _UNITS = {
     "IA": ("kg·m²", "kg"), "FV": ("N·m·s/rad", "N·s/m"), "FVA": ("N·m·s/rad", "N·s/m"), "FS": ("N·m", "N"),
     "FSP": ("N·m", "N"), "FSN": ("N·m", "N"), "FB": ("N·m", "N"), "FL": ("", ""), "OFF": ("N·m", "N"),
-    "K": ("N·m/rad", "N/m"), "QO": ("rad", "m"),
+    "K": ("N·m/rad", "N/m"), "QO": ("rad", "m"), "GM": ("", ""),
 }  # fmt: skip
 PARAMETER_HEAD = ("parameter", "value", "± 95 %", "unit", "grouping")
 SCORE_HEAD = ("joint", "error ÷ floor", "RMS", "explained %", "held out: error ÷ floor", "RMS")
