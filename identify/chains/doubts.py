@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from lacet.identify.chains.effects import AsymmetricCoulomb, CoulombFriction, ViscousFriction
+from lacet.identify.chains.effects import AsymmetricCoulomb, CoulombFriction, JointEffect, ViscousFriction
 from lacet.identify.chains.fit import ChainEstimate, ChainFit
 from lacet.identify.chains.samples import JointSamples, Recorded
 from lacet.identify.chains.weights import FEW, serial_quantile, solved_together
@@ -190,6 +191,15 @@ def _refitted_to(fitted: ChainFit, samples: JointSamples, seen: list[int]) -> Ar
     return np.asarray(np.linalg.lstsq(columns / lengths, right, rcond=None)[0], float) / lengths
 
 
-def without_wrong_signs(doubts: Doubts) -> Doubts:
-    """The doubts where laws that are missing account for the values that cannot be."""
-    return replace(doubts, wrong_signs=())
+def accounted_for(doubts: Doubts, after: Doubts, laws: Sequence[JointEffect]) -> Doubts:
+    """The doubts of a fit beside which `laws` seem missing, less those that they account for; `after` : with them.
+
+    Values that cannot be are gone with the laws. Noise of the positions that had made a law would, added again, make as
+    much of it again: where it moves none of the laws' own sizes, it is no doubt of them.
+    """
+    sizes = {name for effect in laws for name in effect.parameters}
+    return replace(
+        doubts,
+        wrong_signs=doubts.wrong_signs if after.wrong_signs else (),
+        biased=doubts.biased if sizes & {one.name for one in after.biased} else (),
+    )

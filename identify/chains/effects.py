@@ -70,6 +70,11 @@ class JointEffect(ABC):
         load : (N,) torque [N·m] that the bodies ask for along it.
         """
 
+    @property
+    def constant(self) -> float:
+        """Value of its constant that is not linear [SI]; not a number where it has none."""
+        return float("nan")
+
     def at(self, constant: float) -> JointEffect:
         """The law with another value of its constant; itself where it has none."""
         return self
@@ -149,6 +154,11 @@ class StribeckFriction(JointEffect):
     def columns(self, s: Array, rate: Array, acceleration: Array, load: Array) -> NDArray[np.float64]:
         """sign ṡ exp(−(ṡ/speed)²)."""
         return (np.sign(rate) * np.exp(-((rate / self.speed) ** 2)))[:, None]
+
+    @property
+    def constant(self) -> float:
+        """`speed` [rad/s]."""
+        return self.speed
 
     def at(self, constant: float) -> StribeckFriction:
         """The law with another `speed` [rad/s]."""

@@ -8,18 +8,19 @@ draws is compared with the largest of all candidates' (max-score statistic, West
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.identify.chains.constants import Columns, half_of_constant, searched
 from lacet.identify.chains.effects import ACROSS, EVERY, EncoderOffset, JointEffect, JointOffset
 from lacet.identify.chains.fit import ChainFit
 from lacet.identify.chains.model import ChainModel
 from lacet.identify.chains.samples import JointSamples
-from lacet.identify.multibody.chain import Chain
+from lacet.identify.chains.scores import JointScore
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.uncertainty import SUB_BLOCK
 from lacet.identify.selection.settings import SELECTION
@@ -46,6 +47,10 @@ class JointAnswer(Enum):
     NOT_TESTABLE = "not testable"
 
 
+_EXPLAINS = JointAnswer.MISSING, JointAnswer.SMALL
+"""Answers of laws that explain something, for which a constant between the values of its grid is worth the time."""
+
+
 @dataclass(frozen=True)
 class JointCandidate:
     """A law that was tried.
@@ -57,6 +62,7 @@ class JointCandidate:
     p : family-wise probability that chance gives as much.
     values : sizes, when the law is added alone [SI].
     answer : what follows.
+    half : half of the 95 % interval of its constant [SI]; not a number where it has none, or one of its grid.
     """
 
     effect: JointEffect
@@ -64,6 +70,7 @@ class JointCandidate:
     p: float
     values: tuple[float, ...]
     answer: JointAnswer
+    half: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -108,11 +115,12 @@ class _Trial:
 
 
 def rank_chain(
-    fitted: ChainFit, samples: JointSamples, candidates: Sequence[JointEffect] | None = None
-) -> ChainRanking:
+    fitted: ChainFit, samples: JointSamples, scores: Sequence[JointScore],
+    candidates: Sequence[JointEffect] | None = None,
+) -> ChainRanking:  # fmt: skip
     """Try laws on a fitted chain: `candidates`, by default every law that it lacks.
 
-    `samples` : those it was fitted to.
+    `samples` : those it was fitted to; `scores` : its errors on them, joint by joint.
     """
     used = fitted.used
     scale = fitted.weights / fitted.sigma
@@ -125,13 +133,32 @@ def rank_chain(
     residual = (fitted.residual * scale)[used]
     model = _orthonormal(W)
     inexact = SELECTION.law_inexactness**2 * _law_squares(fitted, scale)
+    rows = _Rows(joint, block, fold, blocks, inexact, _noise_squares(scores, scale, used))
     effects = candidates_of(fitted.model) if candidates is None else tuple(candidates)
     trials = _trials(fitted, samples, effects, scale, model)
     tested = {trial.effect.key for trial in trials}
+    instant = np.nonzero(used)[0]
+    given = np.sqrt(np.count_nonzero(used, axis=0) / fitted.freedom)[joint]  # what the fit takes off the residual
+    bases = [model]
     found: list[JointCandidate] = []
     alone: dict[str, JointCandidate] = {}
     while blocks >= _FEW and len(found) < SELECTION.most_selected:
-        tries = _tested(trials, residual, _Rows(joint, block, fold, blocks, inexact))
+
+        def whole(effect: JointEffect) -> Array:
+            return _columns(fitted, samples, effect, scale)
+
+        def beside(effect: JointEffect, bases: Sequence[Array] = tuple(bases)) -> Array | None:
+            columns: Array | None = whole(effect)
+            for basis in bases:
+                columns = None if columns is None else _reduced(columns, basis)
+            return columns
+
+        tries = [
+            _refined(one, whole, beside, residual, given, rows, instant)
+            if one.effect.grid and one.answer in _EXPLAINS
+            else one
+            for one in _tested(trials, residual, rows)
+        ]
         for one in tries:
             alone.setdefault(one.effect.key, one)
         passing = [one for one in tries if one.answer is JointAnswer.MISSING]
@@ -139,7 +166,10 @@ def rank_chain(
             break
         best = max(passing, key=lambda one: one.gain)
         found.append(best)
-        basis = _orthonormal(next(trial.columns for trial in trials if trial.effect == best.effect))
+        columns = beside(best.effect)
+        assert columns is not None
+        basis = _orthonormal(columns)
+        bases.append(basis)
         residual = residual - basis @ (basis.T @ residual)
         reduced = [(trial, _reduced(trial.columns, basis)) for trial in trials if trial.effect.key != best.effect.key]
         trials = [replace(trial, columns=columns) for trial, columns in reduced if columns is not None]
@@ -153,7 +183,7 @@ def rank_chain(
             rest.append(JointCandidate(effect, 0.0, float("nan"), (), JointAnswer.NOT_TESTABLE))
             continue
         answer = JointAnswer.STANDS_IN if one.answer is JointAnswer.MISSING else one.answer
-        rest.append(JointCandidate(one.effect, one.gain, one.p, one.values, answer))
+        rest.append(replace(one, answer=answer))
     rest.sort(key=lambda one: -one.gain)
     return ChainRanking((*found, *rest), blocks)
 
@@ -162,22 +192,26 @@ def _trials(
     fitted: ChainFit, samples: JointSamples, effects: Sequence[JointEffect], scale: Array, model: Array
 ) -> list[_Trial]:
     """All candidates, at every value of their constants, reduced by the model's columns."""
-    chain: Chain = fitted.model.chain
     tried = [(effect.at(value) if effect.grid else effect) for effect in effects for value in effect.grid or (0.0,)]
     out: list[_Trial] = []
-    # One law at a time: a model of the chain with it alone has the memory of a fit's.
     for effect in tried:
-        alone = ChainModel(chain, (*_known_offsets(fitted), effect))
-        standard = np.zeros(len(alone.names))
-        standard[: 10 * chain.n] = fitted.standard[: 10 * chain.n]
-        for known in _known_offsets(fitted):
-            standard[alone.place[known.key]] = fitted.standard[fitted.model.place[known.key]]
-        columns = alone.law_equations(samples, standard, alone.place[effect.key])
-        weighted = (columns * scale[:, :, None])[fitted.used]
-        reduced = _reduced(weighted, model)
+        whole = _columns(fitted, samples, effect, scale)
+        reduced = _reduced(whole, model)
         if reduced is not None:
-            out.append(_Trial(effect, reduced, weighted))
+            out.append(_Trial(effect, reduced, whole))
     return out
+
+
+def _columns(fitted: ChainFit, samples: JointSamples, effect: JointEffect, scale: Array) -> Array:
+    """(r, k) weighted columns of a law: a model of the chain with it alone has the memory of a fit's."""
+    chain = fitted.model.chain
+    alone = ChainModel(chain, (*_known_offsets(fitted), effect))
+    standard = np.zeros(len(alone.names))
+    standard[: 10 * chain.n] = fitted.standard[: 10 * chain.n]
+    for known in _known_offsets(fitted):
+        standard[alone.place[known.key]] = fitted.standard[fitted.model.place[known.key]]
+    columns = alone.law_equations(samples, standard, alone.place[effect.key])
+    return (columns * scale[:, :, None])[fitted.used]
 
 
 def _known_offsets(fitted: ChainFit) -> tuple[JointEffect, ...]:
@@ -209,6 +243,7 @@ class _Rows:
     ----------
     joint, block, fold : (r,) joint of each, block of chance, fold of the cross-validation; `blocks` is their number.
     inexact : (f,) weighted squares of each joint that the laws in the model may leave, as no law is exact.
+    noise : (f,) the same that its instruments' noise leaves; infinite where the joint's error is no more than that.
     """
 
     joint: NDArray[np.intp]
@@ -216,6 +251,7 @@ class _Rows:
     fold: NDArray[np.intp]
     blocks: int
     inexact: Array
+    noise: Array
 
 
 def _law_squares(fitted: ChainFit, scale: Array) -> Array:
@@ -228,6 +264,12 @@ def _law_squares(fitted: ChainFit, scale: Array) -> Array:
     ours = [i for i, k in enumerate(fitted.base.independent) if fitted.base.names[int(k)] in names]
     torque = fitted.W[:, :, ours] @ fitted.x[ours]
     return np.sum(np.where(fitted.used, (torque * scale) ** 2, 0.0), axis=0)
+
+
+def _noise_squares(scores: Sequence[JointScore], scale: Array, used: NDArray[np.bool_]) -> Array:
+    """(f,) weighted squares of each joint that noise leaves; infinite where its error is no more than that."""
+    floors = np.array([one.floor if one.fails else np.inf for one in scores])
+    return np.sum(np.where(used, scale**2, 0.0), axis=0) * floors**2
 
 
 def _tested(trials: Sequence[_Trial], residual: Array, rows: _Rows) -> list[JointCandidate]:
@@ -259,15 +301,37 @@ def _tested(trials: Sequence[_Trial], residual: Array, rows: _Rows) -> list[Join
     out: list[JointCandidate] = []
     for key, (score, _, trial, beta) in best.items():
         p = (1.0 + np.count_nonzero(most >= score / means[key])) / (1.0 + _DRAWS)
-        gain, enough = _gain(trial.columns, residual, rows)
-        answer = JointAnswer.NOT_NEEDED
-        if p <= SELECTION.level(_DRAWS) and gain >= SELECTION.least_gain:
-            large = enough or (gain > _MOST and _exceeds(trial.whole @ beta, rows))
-            answer = JointAnswer.MISSING if large else JointAnswer.SMALL
-            if trial.effect.passive and np.any(beta < 0.0):
-                answer = JointAnswer.IMPLAUSIBLE
-        out.append(JointCandidate(trial.effect, 100.0 * gain, p, tuple(float(b) for b in beta), answer))
+        out.append(_answered(trial, beta, p, residual, rows))
     return out
+
+
+def _answered(trial: _Trial, beta: Array, p: float, residual: Array, rows: _Rows) -> JointCandidate:
+    """The candidate with sizes `beta` and probability `p`, and what follows."""
+    gain, enough = _gain(trial.columns, residual, rows)
+    answer = JointAnswer.NOT_NEEDED
+    if p <= SELECTION.level(_DRAWS) and gain >= SELECTION.least_gain:
+        large = enough or (gain > _MOST and _exceeds(trial.whole @ beta, rows))
+        answer = JointAnswer.MISSING if large else JointAnswer.SMALL
+        if trial.effect.passive and np.any(beta < 0.0):
+            answer = JointAnswer.IMPLAUSIBLE
+    return JointCandidate(trial.effect, 100.0 * gain, p, tuple(float(b) for b in beta), answer)
+
+
+def _refined(
+    one: JointCandidate, whole: Callable[[JointEffect], Array], beside: Columns, residual: Array, given: Array,
+    rows: _Rows, instant: NDArray[np.intp],
+) -> JointCandidate:  # fmt: skip
+    """A candidate with its constant searched between the values of its grid; p remains that of the grid.
+
+    `given` : (r,) factor of the residual for the degrees of freedom that the fit has taken.
+    """
+    effect = searched(one.effect, beside, residual)
+    X = beside(effect)
+    if X is None or effect == one.effect:
+        return one
+    beta = np.asarray(np.linalg.solve(X.T @ X, X.T @ residual), float)
+    half = half_of_constant(effect, beside, residual, given, instant)
+    return replace(_answered(_Trial(effect, X, whole(effect)), beta, one.p, residual, rows), half=half)
 
 
 def _exceeds(torque: Array, rows: _Rows) -> bool:
@@ -285,7 +349,8 @@ def _exceeds(torque: Array, rows: _Rows) -> bool:
 def _gain(X: Array, residual: Array, rows: _Rows) -> tuple[float, bool]:
     """Largest fall, over the joints it acts on, of a joint's squares in blocked cross-validation [share].
 
-    And whether it is more, at any joint, than what the laws in the model may leave.
+    And whether, at any joint, it is more than what the laws in the model may leave, or leaves nothing but noise and
+    what the law itself may be inexact by: a law that only resembles what another leaves, leaves more.
     """
     after = residual.copy()
     for number in range(int(rows.fold.max()) + 1):
@@ -295,4 +360,7 @@ def _gain(X: Array, residual: Array, rows: _Rows) -> tuple[float, bool]:
     before, remaining = np.bincount(rows.joint, residual**2), np.bincount(rows.joint, after**2)
     acts = np.bincount(rows.joint, np.sum(X**2, axis=1)) > _INDEPENDENT * np.sum(X**2)
     share = np.where(acts, 1.0 - remaining / np.maximum(before, 1e-300), 0.0)
-    return float(np.max(share)), bool(np.any(acts & (before - remaining > rows.inexact)))
+    fall, failing = before - remaining, SELECTION.failing_ratio**2 * rows.noise
+    allowed = np.maximum(failing, rows.noise + SELECTION.selected_inexactness**2 * fall)
+    all_of_it = (before > failing) & (remaining <= allowed)
+    return float(np.max(share)), bool(np.any(acts & ((fall > rows.inexact) | all_of_it)))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lacet.daq.errors import UsageError
-from lacet.identify.chains.doubts import Doubts, doubts_of, noise_bias, without_wrong_signs
+from lacet.identify.chains.doubts import Doubts, accounted_for, doubts_of, noise_bias
 from lacet.identify.chains.effects import ExternalForce, JointEffect
 from lacet.identify.chains.fit import ChainEstimate, ChainFit, fit_chain
 from lacet.identify.chains.model import ChainModel
@@ -147,10 +147,10 @@ class IdentifiedChain:
         Where the fit is unsound (`doubts`), none is named: what is tried beside it may only stand in for the cause.
         """
         with one_thread():
-            ranking = rank_chain(self.fitted, self._samples, candidates)
+            ranking = rank_chain(self.fitted, self._samples, self.scores, candidates)
         doubts = self.doubts
-        if doubts.wrong_signs and ranking.missing and not self.with_effects(*ranking.missing).doubts.wrong_signs:
-            doubts = without_wrong_signs(doubts)
+        if ranking.missing and (doubts.wrong_signs or doubts.biased):
+            doubts = accounted_for(doubts, self.with_effects(*ranking.missing).doubts, ranking.missing)
         return RankedLaws(ranking, self.scores, doubts)
 
     def with_effects(self, *effects: JointEffect) -> IdentifiedChain:

@@ -8,9 +8,9 @@ import numpy as np
 
 from lacet.identify.chains.cutoffs import FewEquations
 from lacet.identify.chains.doubts import Doubts
-from lacet.identify.chains.effects import JointEffect, StribeckFriction
+from lacet.identify.chains.effects import StribeckFriction
 from lacet.identify.chains.fit import ChainEstimate, ChainFit
-from lacet.identify.chains.ranking import ChainRanking, JointAnswer
+from lacet.identify.chains.ranking import ChainRanking, JointAnswer, JointCandidate
 from lacet.identify.chains.scores import JointScore
 from lacet.identify.chains.verdicts import ChainVerdict, failing_joints, verdict_of
 from lacet.identify.multibody.rigid_body import PARAMETERS, UNITS
@@ -70,16 +70,27 @@ def ranking_rows(ranking: ChainRanking, verdict: str) -> list[list[str]]:
     """Laws tried, with their answers; that a law is missing is in doubt where the fit is unsound."""
     unsound = verdict == ChainVerdict.UNSOUND
     return [
-        [one.effect.key + constant_text(one.effect), "in doubt" if unsound and one.answer is JointAnswer.MISSING
+        [law_text(one), "in doubt" if unsound and one.answer is JointAnswer.MISSING
          else one.answer.value, f"{one.gain:.1f}", f"{one.p:.3f}",
          ", ".join(f"{value:.3g}" for value in one.values)]
         for one in ranking.candidates
     ]  # fmt: skip
 
 
-def constant_text(effect: JointEffect) -> str:
-    """The constant of a law, where it has one, in brackets."""
-    return f" (speed {effect.speed:g} rad/s)" if isinstance(effect, StribeckFriction) else ""
+def law_text(one: JointCandidate) -> str:
+    """A law's key, with its constant in brackets where it has one, ± half of the 95 % interval if it was searched."""
+    if not isinstance(one.effect, StribeckFriction):
+        return one.effect.key
+    searched = np.isfinite(one.half)
+    speed = (
+        f"{to_interval(one.effect.speed, one.half)} ± {half_width(one.half)}" if searched else f"{one.effect.speed:g}"
+    )
+    return f"{one.effect.key} (speed {speed} rad/s)"
+
+
+def _missing(ranking: ChainRanking) -> str:
+    """The laws found missing, in the order found."""
+    return ", ".join(law_text(one) for one in ranking.candidates if one.answer is JointAnswer.MISSING)
 
 
 def fit_head(fitted: ChainFit, cutoff: float, doubts: Doubts) -> str:
@@ -137,11 +148,11 @@ def ranking_head(ranking: ChainRanking, scores: Sequence[JointScore], doubts: Do
     verdict = verdict_of(ranking, scores, doubts)
     if verdict is ChainVerdict.UNSOUND:
         reasons = _doubts(doubts) or ["the equations are too few (a longer record, or a higher cut-off, has more)"]
-        laws = ", ".join(effect.key + constant_text(effect) for effect in ranking.missing)
+        laws = _missing(ranking)
         then = [f"then rank again: {laws} may only stand in for that"] if laws else []
         return "no law is named, as the fit is unsound. " + _sentences([*reasons, *then])
     if verdict is ChainVerdict.MISSING:
-        return "missing: " + ", ".join(effect.key + constant_text(effect) for effect in ranking.missing)
+        return "missing: " + _missing(ranking)
     if verdict is ChainVerdict.UNTESTED:
         return f"nothing was tested: {ranking.blocks} blocks of motion are too few"
     count, failing = len(ranking.candidates), failing_joints(scores)
@@ -152,19 +163,33 @@ def ranking_head(ranking: ChainRanking, scores: Sequence[JointScore], doubts: Do
             "what remains there (fitted.residual) over position, rate and time: it may be friction of another shape, a "
             "torque that changes with position, a load that was changed on the way, or an instrument"
         )
-        return ". ".join([said, *(_sentences([one]) for one in _doubts(doubts))])
+        return ". ".join([said, *(_sentences([one]) for one in [*_alike(ranking), *_doubts(doubts)])])
     if verdict is ChainVerdict.SMALL:
         share = f"{100.0 * SELECTION.effect_size:g} %"
-        return (
-            f"none of the {count} laws tried is missing. A small rest of unknown cause remains at {_ratios(failing)}: "
+        said = (
+            f"none of the {count} laws tried is named. A small rest of unknown cause remains at {_ratios(failing)}: "
             f"less than {share} of the torque's variation. Friction that is sampled where a joint turns back may leave "
-            "as much"
+            "as much, and so may friction that changes as the robot warms (plot fitted.residual over time); values of "
+            "such a joint may be off by more than their intervals"
         )
+        return ". ".join([said, *(_sentences([one]) for one in _alike(ranking))])
     worst = max(scores, key=lambda one: one.ratio)
     return (
         f"nothing missing that these data show; {count} laws were tried. The largest error is {worst.joint}'s, "
         f"{worst.ratio:.2g} times its noise floor (1: noise alone; no more than chance)"
     )
+
+
+def _alike(ranking: ChainRanking) -> list[str]:
+    """Laws that explain a part of what remains beyond chance, and are not named, in a sentence."""
+    laws = [one for one in ranking.candidates if one.answer is JointAnswer.SMALL][: SELECTION.most_reported]
+    if not laws:
+        return []
+    parts = ", ".join(f"{law_text(one)} ({one.gain:.0f} % of a joint's rest)" for one in laws)
+    return [
+        f"what remains resembles {parts} beyond chance, but by less than the laws in the model are exact to, and not "
+        "wholly: try the model with it (with_effects), and see whether the rest is gone"
+    ]
 
 
 def _ratios(scores: Sequence[JointScore]) -> str:

@@ -297,7 +297,7 @@ def test_a_missing_law_whose_place_others_took_is_named():
 def test_a_constant_torque_is_no_shape_of_a_law():
     """Only how a law's torque varies at a joint is compared with what the laws may leave."""
     joint, zeros = np.array([0, 1, 0, 1, 0, 1]), np.zeros(6, int)
-    rows = _Rows(joint, zeros, zeros, 1, np.array([1.0, 1.0]))
+    rows = _Rows(joint, zeros, zeros, 1, np.array([1.0, 1.0]), np.array([np.inf, np.inf]))
     assert not _exceeds(np.array([9.0, 0.0, 9.0, 0.0, 9.0, 0.0]), rows)
     assert _exceeds(np.array([9.0, 0.0, 9.0, 2.0, 9.0, 0.0]), rows)
 

@@ -1,0 +1,118 @@
+"""Laws small beside others are named where they leave nothing else: constants, an encoder's zero, a motor's gain."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lacet.identify.chains import effects as laws
+from lacet.identify.chains.constants import half_of_constant, searched
+from lacet.identify.chains.effects import JointEffect, StribeckFriction
+from lacet.identify.chains.ranking import JointAnswer, JointCandidate
+from lacet.identify.multibody.chain import Chain
+from lacet.services.library.chains import IdentifiedChain, RankedLaws, identify_chain
+from tests.identify.chains.arms import ARM, NOISE, RATE, VALUES, exact, states
+
+COULOMB = np.array([VALUES[f"FS{j}"] for j in range(1, 5)])
+QUIET = 0.1
+"""Noise ÷ that of `arms`: small forces are then far above it."""
+
+
+def found(seed: int, more: np.ndarray | float = 0.0, moved: np.ndarray | float = 0.0) -> IdentifiedChain:
+    """A fit up to 4 Hz of 30 s with little noise, torques added and positions moved."""
+    q, tau = exact(seed, 30.0)
+    rng = np.random.default_rng([seed, 8])
+    q = q + 1e-6 * rng.standard_normal(q.shape)
+    return identify_chain(
+        ARM, q + moved, tau + more + QUIET * NOISE * rng.standard_normal(q.shape), rate=RATE, cutoff=4.0
+    )
+
+
+def of(ranking: RankedLaws, key: str) -> JointCandidate:
+    """A candidate of a ranking."""
+    return next(one for one in ranking.candidates if one.effect.key == key)
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.17])
+def test_a_constant_between_the_grid_s_values_is_found(speed: float):
+    """Stribeck friction of joint 1: its speed within twice the interval, which is narrow; then nothing is missing."""
+    rate = states(1, 30.0)[1]
+    more = np.outer(0.4 * COULOMB[0] * np.sign(rate[:, 0]) * np.exp(-((rate[:, 0] / speed) ** 2)), [1.0, 0, 0, 0])
+    plain = found(1, more)
+    ranking = plain.rank()
+    assert [effect.key for effect in ranking.missing] == ["stribeck.1"]
+    one = of(ranking, "stribeck.1")
+    assert one.half < 0.1 * speed
+    assert abs(one.effect.constant - speed) < 2.0 * one.half
+    assert " ± " in repr(ranking).splitlines()[0]
+    better = plain.with_effects(*ranking.missing)
+    assert better.value("FB1") == pytest.approx(0.4 * COULOMB[0], rel=0.1)
+    assert better.scores[0].ratio < 1.3
+
+
+def test_the_interval_of_a_constant_holds_it():
+    """A law of known columns in white noise, 200 draws: 90 to 99 % of the intervals."""
+    rng = np.random.default_rng(6)
+    rate, instant = rng.uniform(-1.0, 1.0, 400), np.arange(400)
+
+    def columns(effect: JointEffect) -> np.ndarray:
+        return effect.columns(rate, rate, rate, rate)
+
+    held: list[bool] = []
+    for _ in range(200):
+        y = columns(StribeckFriction(1, speed=0.17))[:, 0] + 0.2 * rng.standard_normal(400)
+        law = searched(StribeckFriction(1, speed=0.1), columns, y)
+        half = half_of_constant(law, columns, y, np.ones(400), instant)
+        held.append(abs(law.constant - 0.17) <= half)
+    assert 0.9 <= np.mean(held) <= 0.99
+
+
+def test_friction_of_another_shape_is_no_stribeck_friction():
+    """Viscous friction of another exponent looks like it, and leaves more than a law is inexact by."""
+    rate = states(2, 30.0)[1]
+    viscous = np.array([VALUES[f"FV{j}"] for j in range(1, 5)])
+    ranking = found(2, viscous * np.sign(rate) * (np.abs(rate) ** 1.15 - np.abs(rate))).rank()
+    assert ranking.missing == ()
+    assert ranking.verdict == "unlisted cause"
+    assert "What remains resembles stribeck." in repr(ranking).splitlines()[0]
+
+
+def test_an_encoder_that_is_a_little_off_is_named():
+    """A third of a degree: less than what inexact friction may leave, but nothing else is left."""
+    plain = found(3, moved=np.radians([0.0, 0.0, 0.3, 0.0]))
+    ranking = plain.rank()
+    assert [effect.key for effect in ranking.missing] == ["encoder_offset.3"]
+    assert plain.with_effects(*ranking.missing).value("QO3") == pytest.approx(-np.radians(0.3), rel=0.2)
+
+
+def test_a_motor_whose_readings_are_scaled_is_named():
+    """5 % at joint 3, which carries bodies that others carry too; its own friction is as its motor reads it."""
+    tau = exact(4, 30.0)[1]
+    plain = found(4, 0.05 * tau * [0.0, 0.0, 1.0, 0.0])
+    ranking = plain.rank()
+    assert [effect.key for effect in ranking.missing] == ["motor_gain.3"]
+    better = plain.with_effects(*ranking.missing)
+    assert better.value("GM3") == pytest.approx(0.05, abs=0.005)
+    assert better.value("FS3") == pytest.approx(1.05 * COULOMB[2], rel=0.01)
+    assert max(one.ratio for one in better.scores) < 1.3
+
+
+def test_what_the_bodies_do_not_tell_is_not_testable():
+    """A slide along gravity below upright axes: neither its encoder's zero nor its motor's scale changes a torque."""
+    slide = Chain.from_table(
+        [{"j": 1}, {"j": 2, "ant": 1, "d": 0.3}, {"j": 3, "ant": 2, "d": 0.25, "alpha": "pi", "sigma": 1}],
+        gravity=(0, 0, -9.81),
+    )
+    rng = np.random.default_rng(9)
+    t = np.arange(0.0, 30.0, 1.0 / RATE)[:, None]
+    w = 2.0 * np.pi * np.array([[0.3, 0.4, 0.5], [0.7, 0.55, 0.8]])
+    q = 0.8 * np.sin(w[0] * t) + 0.4 * np.sin(w[1] * t + 1.0)
+    qd = np.gradient(q, 1.0 / RATE, axis=0)
+    qdd = np.gradient(qd, 1.0 / RATE, axis=0)
+    values = {"ZZ1": 0.8, "M2": 5.0, "MX2": 0.6, "ZZ2": 0.1, "M3": 2.0, "ZZ3": 0.02}
+    values |= {f"{law}{j}": value for law, value in (("FV", 2.0), ("FS", 1.0), ("IA", 0.2)) for j in (1, 2, 3)}
+    tau = slide.inverse_dynamics(q, qd, qdd, values) + 0.02 * rng.standard_normal(q.shape)
+    plain = identify_chain(slide, q, tau, rate=RATE, cutoff=4.0)
+    for law in (laws.EncoderOffset(3), laws.EncoderOffset(1), laws.MotorGain(3)):
+        assert of(plain.rank([law]), law.key).answer is JointAnswer.NOT_TESTABLE
+        assert law.parameters[0] in plain.with_effects(law).fitted.unseen
