@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lacet.identify.chains import effects as laws
-from lacet.identify.chains.doubts import Doubts, TurnedTorque, noise_bias, turned_torques
+from lacet.identify.chains.doubts import Doubts, TurnedTorque, accounted_for, noise_bias, turned_torques
 from lacet.identify.chains.fit import ChainEstimate
 from lacet.identify.chains.ranking import ChainRanking, JointAnswer, JointCandidate
 from lacet.identify.chains.scores import JointScore
@@ -97,6 +97,19 @@ def test_a_cut_off_far_above_the_motion_is_in_doubt():
     assert "fit to a lower cut-off" in str(noisy)
     assert noisy.rank().missing == ()
     assert identify_chain(ARM, q, tau, rate=RATE).doubts == Doubts()
+
+
+def test_laws_account_for_doubts():
+    """Noise that moves other values is no doubt of a law, but where it moves its size; values that cannot be may go."""
+
+    def one(name: str) -> ChainEstimate:
+        return ChainEstimate(name, name, -1.0, 0.1, 0.2, 0.1)
+
+    spring = [laws.JointSpring(2)]
+    before = Doubts(biased=(one("IA3"), one("K2")), wrong_signs=(one("ZZ1"),), few=True)
+    assert accounted_for(before, Doubts(biased=(one("IA3"),)), spring) == Doubts(few=True)
+    after = Doubts(biased=(one("K2"),), wrong_signs=(one("FV1"),))
+    assert accounted_for(before, after, spring) == before
 
 
 def test_a_verdict_is_in_doubt():
