@@ -183,9 +183,8 @@ def _refitted_to(fitted: ChainFit, samples: JointSamples, seen: list[int]) -> Ar
     """Base parameters `seen` by other samples of the same record, with the fit's weights and equations."""
     model = fitted.model
     scale = (fitted.weights / fitted.sigma)[fitted.used]
-    W, y = model.equations(samples, fitted.standard)
-    places = model.offset_places
-    right = (y + W[:, :, places] @ fitted.standard[places])[fitted.used] * scale
+    W, y = model.about(*model.equations(samples, fitted.standard), fitted.standard)
+    right = y[fitted.used] * scale
     columns = W[:, :, model.base.independent[seen]][fitted.used] * scale[:, None]
     lengths = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     return np.asarray(np.linalg.lstsq(columns / lengths, right, rcond=None)[0], float) / lengths

@@ -208,9 +208,7 @@ def fit_chain(model: ChainModel, samples: JointSamples, slowest: Array, robust: 
     while True:
         W, y = model.equations(samples, standard)
         if standard is not None:
-            # Encoder offsets that are known already are in the positions: the equations give what is added to them.
-            places = model.offset_places
-            y = y + W[:, :, places] @ standard[places]
+            W, y = model.about(W, y, standard)
         found = _solved(model, W[:, :, keep], y, used, kept / samples.filters.rate, robust, record)
         before, standard, rounds = standard, found.standard, rounds - 1
         step = np.inf if before is None else np.abs(standard - before)[keep]

@@ -60,8 +60,8 @@ class ChainModel:
         for effect in effects:
             if lost := [j for j in effect.directions if j not in moving]:
                 raise UsageError(f"{effect.key}: there is no joint {lost[0]} that moves (there are {sorted(moving)})")
-            if isinstance(effect, EncoderOffset) and len(effect.directions) > 1:
-                raise UsageError(f"{effect.key}: an encoder stands at one joint")
+            if isinstance(effect, EncoderOffset | MotorGain) and len(effect.directions) > 1:
+                raise UsageError(f"{effect.key}: an encoder, or a motor's gain, stands at one joint")
         names = [name for effect in effects for name in effect.parameters]
         if twice := [name for i, name in enumerate(names) if name in names[:i] or name in chain.parameter_names]:
             raise UsageError(f"two effects have a parameter {twice[0]}: give one a name (name='m6')")
@@ -177,6 +177,21 @@ class ChainModel:
     def offset_places(self) -> list[int]:
         """Columns of encoder offsets."""
         return [self.place[effect.key].start for effect in self.effects if isinstance(effect, EncoderOffset)]
+
+    def about(self, W: Array, y: Array, standard: Array) -> tuple[Array, Array]:
+        """Equations (m, f, p) and right sides (m, f) about present values (p,), whose products with others are linear.
+
+        Encoder offsets that are known are in the positions: the equations give what is added to them. A motor's gain
+        scales the bodies' columns of its joint.
+        """
+        W, y = W.copy(), y + W[:, :, self.offset_places] @ standard[self.offset_places]
+        for effect in self.effects:
+            if isinstance(effect, MotorGain):
+                at = self.chain.coupling.free.index(next(iter(effect.directions)))
+                place = self.place[effect.key].start
+                y[:, at] += standard[place] * W[:, at, place]
+                W[:, at, : 10 * self.chain.n] *= 1.0 + standard[place]
+        return W, y
 
     @property
     def iterates(self) -> bool:

@@ -149,7 +149,7 @@ class IdentifiedChain:
         with one_thread():
             ranking = rank_chain(self.fitted, self._samples, self.scores, candidates)
         doubts = self.doubts
-        if ranking.missing and (doubts.wrong_signs or doubts.biased):
+        if ranking.missing and not doubts.turned and (doubts.wrong_signs or doubts.biased):
             doubts = accounted_for(doubts, self.with_effects(*ranking.missing).doubts, ranking.missing)
         return RankedLaws(ranking, self.scores, doubts)
 

@@ -8,12 +8,15 @@ import pytest
 from lacet.identify.chains import effects as laws
 from lacet.identify.chains.constants import half_of_constant, searched
 from lacet.identify.chains.effects import JointEffect, StribeckFriction
+from lacet.identify.chains.model import standard_effects
 from lacet.identify.chains.ranking import JointAnswer, JointCandidate
 from lacet.identify.multibody.chain import Chain
 from lacet.services.library.chains import IdentifiedChain, RankedLaws, identify_chain
 from tests.identify.chains.arms import ARM, NOISE, RATE, VALUES, exact, states
 
 COULOMB = np.array([VALUES[f"FS{j}"] for j in range(1, 5)])
+LAWS = "FV", "FS", "OFF"
+"""Laws that a motor reads with its gain; a rotor that cannot be told from the body counts among the load."""
 QUIET = 0.1
 """Noise ÷ that of `arms`: small forces are then far above it."""
 
@@ -95,6 +98,16 @@ def test_a_motor_whose_readings_are_scaled_is_named():
     assert better.value("GM3") == pytest.approx(0.05, abs=0.005)
     assert better.value("FS3") == pytest.approx(1.05 * COULOMB[2], rel=0.01)
     assert max(one.ratio for one in better.scores) < 1.3
+
+
+def test_a_motor_that_reads_three_times_as_much_is_fitted():
+    """A gear's ratio left out: the gain is beyond 1, and so far from 0 that its products with the bodies count."""
+    q, tau = exact(4, 30.0)
+    given = [*standard_effects(ARM), laws.MotorGain(2)]
+    read = identify_chain(ARM, q, tau * [1.0, 3.0, 1.0, 1.0], rate=RATE, cutoff=4.0, effects=given)
+    base, known = read.fitted.base, {**VALUES, "GM2": 2.0, **{f"{law}2": 3.0 * VALUES[f"{law}2"] for law in LAWS}}
+    true = base.grouping() @ np.array([known.get(name, 0.0) for name in base.names])
+    np.testing.assert_allclose(read.fitted.x, true, atol=0.02)
 
 
 def test_what_the_bodies_do_not_tell_is_not_testable():
