@@ -25,17 +25,18 @@ from lacet.daq.sources.source import Series
 from lacet.daq.text_source import is_file
 from lacet.drivers.framework.base import Reader
 from lacet.drivers.framework.can_layout import read_layout
-from lacet.drivers.framework.counters import CounterState, add, follow_counter
+from lacet.drivers.framework.counters import add
 from lacet.drivers.framework.message_checks import MessageChecks, Signals, read_checks
+from lacet.drivers.framework.message_order import MessageFrames, MessageState, followed
 from lacet.drivers.framework.options import check_options
-from lacet.drivers.framework.sequence import Recent, repeats
+from lacet.drivers.framework.turns import Pace
 
 PATIENCE = 2.0
 """Longest distance of the next sample of a component in another message [s], by which a channel may be late."""
 OPTIONS = ("dbc", "signals", "sources", "counter", "checksum", "status")
 _COUNTS = (
-    "received", "samples", "lost", "bad_checksum", "incomplete", "bad_status", "repeated", "out_of_order",
-    "no_neighbour",
+    "received", "samples", "lost", "bad_checksum", "incomplete", "bad_status", "repeated", "reordered", "restarts",
+    "out_of_order", "no_neighbour",
 )  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -49,18 +50,26 @@ class _Used:
     checks: MessageChecks
     signals: tuple[tuple[BusSignal, tuple[Key, ...]], ...]
 
+    def too_short(self, lengths: NDArray[np.int64]) -> int:
+        """How many frames end before a signal; of a multiplexed message it is not known which signals each has."""
+        if any(one.needs for one, _ in self.signals):
+            return 0
+        return int(np.count_nonzero(lengths < max(one.bytes_needed for one, _ in self.signals)))
+
+
+_NEVER = int(np.iinfo(np.int64).min)
+
 
 @dataclass(frozen=True)
 class DbcState:
-    """State between batches: stamp that is time 0, and the latest one [ns], incomplete samples by channel, last stamp,
-    counter and last frames of each message, and ledger."""
+    """State between batches: stamp that is time 0, and the latest one [ns], incomplete samples by channel, last stamp
+    and frames of each message, and ledger."""
 
     origin_ns: int | None
     front_ns: int | None
     channels: tuple[Assembly, ...]
     last_ns: tuple[int, ...]
-    counters: tuple[CounterState, ...]
-    recent: tuple[Recent, ...]
+    messages: tuple[MessageState, ...]
     ledger: Mapping[str, int]
 
 
@@ -135,13 +144,8 @@ class Dbc(Reader):
 
     def start(self) -> DbcState:
         """State before the first frame."""
-        ledger: dict[str, int] = dict.fromkeys(_COUNTS, 0)
-        n = len(self._used)
-        never = int(np.iinfo(np.int64).min)
-        return DbcState(
-            None, None, tuple(one.copy() for one in self._channels), (never,) * n, (CounterState(),) * n,
-            (Recent(),) * n, ledger,
-        )  # fmt: skip
+        n, channels = len(self._used), tuple(one.copy() for one in self._channels)
+        return DbcState(None, None, channels, (_NEVER,) * n, (MessageState(),) * n, dict.fromkeys(_COUNTS, 0))
 
     def decode(self, frames: Frames, state: DbcState) -> tuple[list[Block], DbcState]:
         """Blocks of a batch, without the frames of other messages, and the state after it.
@@ -156,53 +160,63 @@ class Dbc(Reader):
             back = np.flatnonzero(frames.t_ns < latest - np.int64(PUT_BACK * 1e9))
             end = int(back[0]) if len(back) else len(frames)
             if end:
-                made, state = self._decoded(frames[:end], state, int(latest[end - 1]))
+                made, state = self._decoded(frames[:end], state, np.append(latest[:end], latest[end - 1]))
                 _collect(blocks, made)
             if len(back):  # the clock was put back
                 made, state = self.finish(state)
                 _collect(blocks, made)
-                state = replace(self.start(), counters=state.counters, recent=state.recent, ledger=state.ledger)
+                again = tuple(replace(one, pace=Pace()) for one in state.messages)
+                state = replace(self.start(), messages=again, ledger=state.ledger)
             frames = frames[end:]
         return [Block.concat(parts) for parts in blocks.values()], state
 
     def finish(self, state: DbcState) -> tuple[list[Block], DbcState]:
-        """Blocks at the end of the stream: samples that still lack components have no value."""
+        """Blocks at the end of the stream: what was held back, and samples that still lack components, which have no
+        value."""
+        front = np.array([_NEVER if state.front_ns is None else state.front_ns])
+        held, state = self._decoded(Frames.empty(self.bus), state, front, ended=True)
         channels = tuple(one.copy() for one in state.channels)
-        return self._made([one.feed({}, last=True) for one in channels], replace(state, channels=channels))
+        rest, state = self._made([one.feed({}, last=True) for one in channels], replace(state, channels=channels))
+        blocks: dict[str, list[Block]] = {}
+        _collect(blocks, held)
+        _collect(blocks, rest)
+        return [Block.concat(parts) for parts in blocks.values()], state
 
     def counts(self, state: DbcState) -> dict[str, int]:
-        """The ledger. ``received``, ``lost``, ``bad_checksum``, ``incomplete`` (too short), ``repeated`` (by a counter)
-        and ``out_of_order`` count frames; ``bad_status`` samples, and ``no_neighbour`` those around which another
-        component has none."""
+        """The ledger. ``received``, ``lost``, ``bad_checksum``, ``incomplete`` (too short), ``repeated`` and
+        ``reordered`` (by a counter), ``restarts`` (of a counter, or it stands still) and ``out_of_order`` (by stamps)
+        count frames; ``bad_status`` samples, and ``no_neighbour`` those around which another component has none."""
         return dict(state.ledger)
 
-    def _decoded(self, frames: Frames, state: DbcState, front_ns: int) -> tuple[list[Block], DbcState]:
-        origin = int(frames.t_ns[0]) if state.origin_ns is None else state.origin_ns
+    def _decoded(
+        self, frames: Frames, state: DbcState, latest: NDArray[np.int64], ended: bool = False
+    ) -> tuple[list[Block], DbcState]:
+        """Blocks of frames, and of those held back; `latest` (N + 1,): latest stamp up to each and to the end [ns]."""
+        origin = state.origin_ns if state.origin_ns is not None or not len(frames) else int(frames.t_ns[0])
         idents = full_idents(frames.ident)
-        last, counters, recent, ledger = list(state.last_ns), list(state.counters), list(state.recent), state.ledger
+        last, messages, ledger = list(state.last_ns), list(state.messages), state.ledger
         pieces: dict[Key, Series] = {}
         for i, used in enumerate(self._used):
             mine = np.flatnonzero(used.message.of(idents))
-            if not len(mine):
+            if not len(mine) and messages[i].held is None:
                 continue
             t_ns = frames.t_ns[mine]
             later = t_ns > np.maximum.accumulate(np.concatenate(([last[i]], t_ns)))[:-1]
             ledger = add(ledger, received=len(mine), out_of_order=np.count_nonzero(~later))
             mine, t_ns = mine[later], t_ns[later]
-            if not len(mine):
-                continue
-            last[i] = int(t_ns[-1])
-            payload, lengths = used.message.fitted(_rows(frames, mine, used.message.width)), frames.lengths[mine]
-            flags, new, counters[i], recent[i], ledger = _checked(
-                used, payload, lengths, counters[i], recent[i], ledger
-            )
-            if new is not None:
-                payload, lengths, t_ns = payload[new], lengths[new], t_ns[new]
-            pieces |= _series(used, payload, lengths, (t_ns - origin) / 1e9, flags)
+            last[i] = int(t_ns[-1]) if len(mine) else last[i]
+            payload = used.message.fitted(_rows(frames, mine, used.message.width))
+            received = MessageFrames(payload, frames.lengths[mine], t_ns)
+            front = latest[np.append(mine, len(latest) - 1)]
+            made, flags, messages[i], ledger = followed(received, front, ended, used.checks, messages[i], ledger)
+            if len(flags):
+                ledger = add(ledger, incomplete=used.too_short(made.lengths))
+                pieces |= _series(used, made.payload, made.lengths, (made.t_ns - (origin or 0)) / 1e9, flags)
         channels = tuple(one.copy() for one in state.channels)
-        front = (front_ns - origin) / 1e9
-        made = [one.feed(pieces, front=front) for one in channels]
-        state = DbcState(origin, front_ns, channels, tuple(last), tuple(counters), tuple(recent), ledger)
+        # Frames held back are still to come.
+        front_ns = min([int(latest[-1]), *(int(one.held.t_ns[0]) for one in messages if one.held is not None)])
+        made = [one.feed(pieces, front=(front_ns - (origin or 0)) / 1e9) for one in channels]
+        state = DbcState(origin, int(latest[-1]), channels, tuple(last), tuple(messages), ledger)
         return self._made(made, state)
 
     @staticmethod
@@ -252,34 +266,6 @@ def _rows(frames: Frames, mine: NDArray[np.int64], width: int) -> NDArray[np.uin
     if (lengths < width).any():
         payload[np.arange(width) >= lengths[:, None]] = 0
     return payload
-
-
-def _checked(
-    used: _Used, payload: NDArray[np.uint8], lengths: NDArray[np.int64], counter: CounterState, recent: Recent,
-    ledger: Mapping[str, int],
-) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None, CounterState, Recent, dict[str, int]]:  # fmt: skip
-    """Flags of a message's frames by its checksum and counter, which frames are not repeated (None: all, and the flags
-    are of these), the counter and last frames after them, and the ledger."""
-    flags = np.zeros(len(lengths), np.uint8)
-    needed = max(one.bytes_needed for one, _ in used.signals)
-    multiplexed = any(one.needs for one, _ in used.signals)
-    if used.checks.checksum is not None:
-        flags[~used.checks.checksum.right(payload)] = np.uint8(Flag.CHECKSUM)
-    lost, new = 0, None
-    if used.checks.counter is not None:
-        count = used.checks.counter.raw(payload).astype(np.int64)
-        trusted = (flags == 0) & (lengths > max(used.checks.counter.bits) // 8)  # a frame may end before its counter
-        again, recent = repeats(payload, count, trusted, used.checks.counter.length, recent)
-        if again.any():
-            new = ~again
-            count, flags, lengths, trusted = count[new], flags[new], lengths[new], trusted[new]
-            ledger = add(ledger, repeated=np.count_nonzero(again))
-        jumps, counter = follow_counter(count, trusted, used.checks.counter.length, counter)
-        flags[jumps.gap] |= np.uint8(Flag.GAP)
-        lost = int(jumps.lost.sum())
-    short = 0 if multiplexed else np.count_nonzero(lengths < needed)
-    wrong = np.count_nonzero(flags & np.uint8(Flag.CHECKSUM))
-    return flags, new, counter, recent, add(ledger, incomplete=short, bad_checksum=wrong, lost=lost)
 
 
 def _series(

@@ -37,12 +37,17 @@ class Jumps:
 
 
 def follow_counter(
-    counter: NDArray[np.int64], trusted: NDArray[np.bool_], bits: int, state: CounterState
+    counter: NDArray[np.int64],
+    trusted: NDArray[np.bool_],
+    bits: int,
+    state: CounterState,
+    turns: NDArray[np.int64] | None = None,
 ) -> tuple[Jumps, CounterState]:
     """Losses shown by a sample counter: each trusted value is compared with the trusted one before it.
 
     Samples in between whose counter cannot be trusted (bad checksum, incomplete) account for that many steps, so they
-    are not counted again as lost. A loss is known modulo the range of the counter only.
+    are not counted again as lost. A loss is known modulo the range of the counter only; `turns` are those that it made
+    unseen before each sample (N,), -1 where it stands still (`turns.whole_turns`).
     """
     modulus = 1 << bits
     lost = np.zeros(len(counter), np.int64)
@@ -57,6 +62,9 @@ def follow_counter(
     before = np.concatenate(([values[0] - 1 if state.last is None else state.last], values[:-1]))
     steps = (values - before - 1) % modulus
     went_back = (steps >= modulus // 2) & (bits >= WIDE)
+    if turns is not None:
+        steps = steps + modulus * turns[at]
+        went_back |= turns[at] < 0
     lost[at] = np.where(went_back, 0, np.maximum(steps - between, 0))
     back[at] = went_back
     return Jumps(lost, back), CounterState(int(values[-1]), len(counter) - 1 - int(at[-1]))

@@ -168,16 +168,9 @@ def _recent(stream: Stream, made: Samples, before: Recent, held: int) -> Recent:
     return Recent(last_rows(made.rows[made.trusted], before), (number, stream.payload[held - 1]), counter)
 
 
-def repeats(
-    payload: NDArray[Any], counter: NDArray[np.int64], trusted: NDArray[np.bool_], bits: int, recent: Recent
-) -> tuple[NDArray[np.bool_], Recent]:
-    """(N,) frames with a counter that were received shortly before, by payload and counter; and the last ones."""
-    again = np.zeros(len(payload), bool)
-    sound = trusted & _follows(counter, trusted, bits, recent)
-    if not sound.all():
-        again = _repeated(payload[:, None], np.ones((len(payload), 1), bool), trusted, ~sound, bits, recent)
-    rows = last_rows(payload[trusted][-REPEATS:, None], recent)
-    return again, Recent(rows, (0, payload[-1]), int(counter[-1]) if trusted[-1] else None)
+def in_sequence(counter: NDArray[np.int64], trusted: NDArray[np.bool_], bits: int, recent: Recent) -> bool:
+    """Whether samples are trusted, and each in sequence with the one before it: nothing is to be put in order."""
+    return bool((trusted & _follows(counter, trusted, bits, recent)).all())
 
 
 class Samples(NamedTuple):

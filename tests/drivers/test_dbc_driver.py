@@ -205,6 +205,87 @@ def test_a_frame_that_comes_again_is_used_once(back):
     assert counts == split_counts
 
 
+def alive(numbers, at=lambda n: 10 * n) -> list[tuple[float, int, bytes]]:
+    """Messages of these numbers at 100 Hz, each with its number as the value and in the counter."""
+    return [(at(n), 256, esp(n % 300, alive=n % 16)) for n in numbers]
+
+
+def by_counter(rows) -> tuple[np.ndarray, list[int], dict[str, int]]:
+    """Values and indices of the flagged samples, and the ledger; in any split the same."""
+    one, stream = driver({"car.lateral_accel": "Lat"}, counter="Alive"), frames(*rows)
+    got, counts = decode_all(one, stream)
+    for cuts in (range(1, len(stream)), range(0, len(stream), 7)):
+        split, split_counts = decode_split(one, stream, cuts)
+        same_blocks(got, split)
+        assert counts == split_counts
+    block = got["car.lateral_accel"]
+    assert (np.diff(block.t_ns) > 0).all()
+    return block.values[:, 0], np.flatnonzero(block.flags).tolist(), counts
+
+
+@pytest.mark.parametrize("by", [1, 2, 3])
+@pytest.mark.parametrize("period", [10, 200])
+def test_a_late_frame_is_put_in_its_place(by, period):
+    numbers = list(range(40))
+    numbers.insert(20 + by, numbers.pop(20))
+    came = alive(numbers, lambda n: period * n + (period * by + 1 if n == 20 else 0))
+    values, flagged, counts = by_counter(came)
+    np.testing.assert_array_equal(values, np.arange(40.0))
+    assert flagged == []
+    assert (counts["reordered"], counts["lost"], counts["samples"], counts["out_of_order"]) == (1, 0, 40, 0)
+
+
+@pytest.mark.parametrize("lost", [1, 14, 15, 16, 17, 32, 100])
+@pytest.mark.parametrize("jitter", [0, 4])
+def test_a_loss_is_counted_in_whole_turns_of_the_counter_by_the_time_that_passed(lost, jitter):
+    rng = np.random.default_rng(lost)
+    _, flagged, counts = by_counter(
+        alive([n for n in range(200) if not 60 <= n < 60 + lost], lambda n: 10 * n + int(rng.integers(0, 1 + jitter)))
+    )
+    assert counts["lost"] == lost
+    assert flagged == [60]
+
+
+def test_a_pause_of_the_arrivals_is_no_loss():
+    """Frames that wait for a reader come at once behind it: 30 ms, the longest there are."""
+    _, flagged, counts = by_counter(alive(range(200), lambda n: 10 * n + max(0, 30 - 9 * (n % 50))))
+    assert (counts["lost"], flagged) == (0, [])
+
+
+@pytest.mark.parametrize("period", ["none", "not known yet"])
+def test_without_a_known_period_a_loss_is_known_by_the_counter_only(period):
+    rng = np.random.default_rng(3)
+    times = np.cumsum(rng.choice([10, 40, 160, 640], 400))  # sent on a change
+    at = (lambda n: int(times[n])) if period == "none" else (lambda n: 10 * n)
+    rows = alive([n for n in range(200) if not 20 <= n < 39], at)
+    assert by_counter(rows)[2]["lost"] == 3
+
+
+def test_a_counter_that_stands_still_is_no_loss():
+    rows = alive(range(60)) + [(10 * n, 256, esp(n, alive=59 % 16)) for n in range(60, 80)] + alive(range(80, 120))
+    _, flagged, counts = by_counter(rows)
+    assert counts["restarts"] == 20
+    assert flagged == list(range(60, 81))
+    assert counts["lost"] == (80 - 60) % 16
+
+
+def test_a_sender_that_was_off_has_lost_what_its_counter_shows():
+    rows = alive(range(60)) + [(t + 3000, ident, data) for t, ident, data in alive(range(64, 100))]
+    _, flagged, counts = by_counter(rows)
+    assert (counts["lost"], flagged) == (4, [60])
+
+
+def test_frames_held_back_are_delivered_when_their_message_falls_silent():
+    own = driver({"car.lateral_accel": "Lat"}, counter="Alive")
+    _, state = own.decode(frames(*alive(range(20))), own.start())
+    held, state = own.decode(frames(*alive([22, 23])), state)
+    assert held == []
+    none, state = own.decode(frames((1200, 257, bytes(4))), state)
+    assert none == []
+    (block,), state = own.decode(frames((1235, 257, bytes(4))), state)
+    np.testing.assert_allclose(block.values[:, 0], [22.0, 23.0])
+
+
 def test_a_status_that_the_rig_names_is_asked_of_its_signals_only():
     sent = frames(*[(i, 256, esp(i, yaw=1.0, state=int(i == 4))) for i in range(9)])
     signals = {"car.lateral_accel": "Lat", "car.yaw_rate": "Yaw"}
