@@ -15,6 +15,9 @@ from lacet.services.machine.finding import Finding, State
 LEAST_FREE = 5_000_000_000
 """Free space for logs below which there is a warning, beyond what a recording leaves on the disk [bytes]."""
 
+BROWSERS = ("firefox", "chromium", "chromium-browser", "google-chrome", "microsoft-edge", "brave-browser", "epiphany")
+"""Programs that are browsers, which Python does not look for without a display."""
+
 
 def clock(found: str) -> Finding:
     """Finding on the clock, in the words of `host_clock.synchronisation`: computers are compared by their stamps."""
@@ -45,11 +48,16 @@ def disk(folder: Path, usage: Callable[[Path], tuple[int, int, int]] = shutil.di
     return Finding(name, State.OK, says)
 
 
-def browser(find: Callable[[], object] = webbrowser.get) -> Finding:
-    """Finding on the browser that ``lacet ui --open`` opens."""
+def browser(find: Callable[[], object] = webbrowser.get, which: Callable[[str], str | None] = shutil.which) -> Finding:
+    """Finding on the browser that ``lacet ui --open`` opens.
+
+    `find` : the browser that can be opened here; `which` : the path of a program.
+    """
     try:
         found = find()
     except webbrowser.Error:
-        says = "none found: needed by lacet ui --open only"
+        there = next((path for path in map(which, BROWSERS) if path), None)
+        without = "there is no display to open it on" if there else "none found"
+        says = f"{f'{there}, but ' if there else ''}{without}: needed by lacet ui --open only"
         return Finding("browser", State.ABSENT, says, "open the address that lacet ui prints, also from afar (ssh -L)")
     return Finding("browser", State.OK, str(getattr(found, "name", "there")))

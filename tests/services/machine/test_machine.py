@@ -122,7 +122,10 @@ class TestComputer:
         def none() -> None:
             raise webbrowser.Error("could not locate runnable browser")
 
-        assert computer.browser(none).state is State.ABSENT
+        found = computer.browser(none, lambda name: None)
+        assert (found.state, "none found" in found.says) == (State.ABSENT, True)
+        found = computer.browser(none, {"chromium": "/usr/bin/chromium"}.get)
+        assert (found.state, "/usr/bin/chromium, but there is no display" in found.says) == (State.ABSENT, True)
         assert computer.browser(lambda: webbrowser.GenericBrowser("firefox")).says == "firefox"
 
 
