@@ -7,6 +7,7 @@ router is held to its own name by the worker's rules alone.
 from __future__ import annotations
 
 import ipaddress
+import re
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -29,6 +30,8 @@ _DECLARE = ("declare_subscriber", "declare_queryable", "declare_liveliness_subsc
 _ASK = ("query", "liveliness_query")
 _SEND = ("put", "reply", "liveliness_token")
 _ALL = (*_DECLARE, *_ASK, *_SEND)
+_ADDRESS = re.compile(r"(tcp|udp|tls|quic|ws)/[^\s/]+:\d{1,5}([?#]\S*)?")
+"""A Zenoh address: protocol, host and port, and options."""
 
 
 @dataclass(frozen=True)
@@ -142,15 +145,17 @@ def _allowed(name: str, role: Role) -> list[tuple[str, tuple[str, ...], list[str
 
 
 def check_endpoint(endpoint: str, credentials: Credentials | None) -> None:
-    """Raise UsageError for an address beyond this machine without keys, and for one without TLS with keys."""
+    """Raise UsageError for what is no address, for one beyond this machine without keys, and without TLS with keys."""
     protocol, _, place = endpoint.partition("/")
+    if not _ADDRESS.fullmatch(endpoint):
+        raise UsageError(f"{endpoint} is no address of a router: write tcp/HOST:PORT, for example tcp/localhost:7447")
     if credentials is not None and protocol != "tls":
-        raise UsageError(f"{endpoint}: with --keys an address begins with tls/, for example tls/{place or 'HOST:7447'}")
+        raise UsageError(f"{endpoint}: with --keys an address begins with tls/, for example tls/{place}")
     if credentials is None and not (protocol == "tcp" and _is_loopback(place)):
         raise UsageError(
             f"{endpoint} is not on this machine alone, and without keys anybody who reaches it reads and writes "
             "everything: make keys with `lacet keys DIR --car NAME --worker NAME`, and give "
-            f"tls/{place or 'HOST:7447'} with --keys DIR/NAME (docs/bus.md)"
+            f"tls/{place} with --keys DIR/NAME (docs/bus.md)"
         )
 
 

@@ -21,6 +21,7 @@ from lacet.daq.bus.listener import BusListener
 from lacet.daq.bus.session import ROUTER, open_session
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
+from lacet.services.acquisition.folder_in_use import in_use
 from lacet.services.acquisition.worker import DEADLINE, INCOMPLETE, PATIENCE, RESULT, Worker
 from lacet.services.commands.bus_options import add_keys, credentials_of, router_of
 
@@ -81,6 +82,12 @@ def run(args: argparse.Namespace) -> int:
     stop = Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
+    with in_use(args.out, name):
+        return _work(args, router, name, stop, credentials)
+
+
+def _work(args: argparse.Namespace, router: str, name: str, stop: Event, credentials: Credentials | None) -> int:
+    """Work until `stop` is set, in a folder of this worker's own; the exit code."""
     session = _connect(router, args.wait, stop, credentials)
     if session is None:
         return WITH_LOSSES

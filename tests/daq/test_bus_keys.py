@@ -302,9 +302,13 @@ def test_beyond_this_machine_keys_are_needed(folder: Path):
         "tcp/127.0.0.9:7447#so_sndbuf=65000",
     ):
         check_endpoint(endpoint, None)
-    for endpoint in ("tcp/10.0.0.7:7447", "tcp/0.0.0.0:7447", "tcp/[::]:7447", "udp/127.0.0.1:7447", "tls/a:1", "tcp/"):
+    for endpoint in ("tcp/10.0.0.7:7447", "tcp/0.0.0.0:7447", "tcp/[::]:7447", "udp/127.0.0.1:7447", "tls/a:1"):
         with pytest.raises(UsageError, match="lacet keys DIR --car"):
             check_endpoint(endpoint, None)
+    for endpoint in ("foo:bar", "tcp/", "tcp/localhost", "tcp/localhost:", "tcp:localhost:7447", "localhost:7447", ""):
+        for keys in (None, credentials):
+            with pytest.raises(UsageError, match="is no address of a router: write tcp/HOST:PORT"):
+                check_endpoint(endpoint, keys)
     check_endpoint("tls/10.0.0.7:7447", credentials)
     with pytest.raises(UsageError, match=r"tls/10\.0\.0\.7:7447"):
         check_endpoint("tcp/10.0.0.7:7447", credentials)
