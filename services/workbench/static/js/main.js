@@ -248,6 +248,11 @@ function start() {
   createRail(document.getElementById("rail"), document.getElementById("car-button"), app);
   const tour = createTour(app, document.getElementById("tour-button"));
   installKeys(app, document.getElementById("keys-button"), () => shown.view);
+  // the address is the view's: a link within the page would leave it
+  document.querySelector(".skip").addEventListener("click", (event) => {
+    event.preventDefault();
+    main.focus();
+  });
   window.addEventListener("hashchange", () => void route());
   set(readHash(location.hash).patch);
   links();

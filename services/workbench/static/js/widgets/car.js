@@ -29,6 +29,7 @@ export function createCar(root, app) {
   root.replaceChildren(svg, said);
   let car = null;
   let of = null;
+  let chosen = null;
 
   function say(text) {
     const { study } = app.state;
@@ -58,8 +59,12 @@ export function createCar(root, app) {
     const focused = document.activeElement?.getAttribute?.("data-testid");
     const at = layout(car);
     svg.replaceChildren(body(at), ...CORNERS.flatMap((c) => corner(c, at, rows)), chassis(at, rows), ...sensors(at));
-    if (focused && svg.querySelector(`[data-testid="${focused}"]`))
-      svg.querySelector(`[data-testid="${focused}"]`).focus();
+    // Tab stops once, at the row chosen; arrows choose another, and the keyboard goes with it
+    const stop = svg.querySelector("[aria-pressed=true]") ?? svg.querySelector("[role=button]");
+    stop?.setAttribute("tabindex", "0");
+    const there = focused && svg.querySelector(`[data-testid="${focused}"]`);
+    if (there) (app.state.row === chosen ? there : stop).focus();
+    chosen = app.state.row;
     say("");
   }
 
@@ -77,7 +82,7 @@ export function createCar(root, app) {
       {
         class: `chip level${lv}${chosen ? " chosen" : ""}${tall > 24 ? " upright" : ""}`,
         role: "button",
-        tabindex: "0",
+        tabindex: "-1",
         "data-testid": `car-${row}`,
         "aria-label": text,
         "aria-pressed": String(chosen),

@@ -11,7 +11,7 @@ const KEYS = [
   ["u", "in “What is missing”: undo, back to the version before"],
   ["t", "dark or light"],
   ["?", "this table"],
-  ["Esc", "close it; leave a field"],
+  ["Esc", "leave a field; close this table, a map, a list of channels"],
 ];
 
 /**
