@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import tomllib
 from pathlib import Path
 from typing import Any
 
-from tests.services.workbench.browser.bench import LONG, Bench, opening, serving
+from tests.services.workbench.browser.bench import LONG, Bench, Watch, opening, serving
 from tests.services.workbench.test_channel_maps import foreign_log
 
 
@@ -82,3 +83,46 @@ def test_a_channel_map_is_made_on_the_page(browser: Any, tmp_path: Path) -> None
         watch.at("map-of-lap").click()
         watch.expect(watch.at("map-imu.accel.y-delay")).to_have_value("12 ms")
         watch.picture("channel-map-delay")
+        _left_by_escape(watch)
+
+
+def _left_by_escape(watch: Watch) -> None:
+    """The first press leaves a field, the next closes what has no changes; with changes it takes one more."""
+    press, panel = watch.page.keyboard.press, watch.page.locator("section.detail")
+    watch.at("map-imu.accel.y-delay").focus()
+    press("Escape")
+    watch.expect(panel).to_be_visible()
+    press("Escape")
+    watch.expect(panel).to_be_hidden()
+    watch.expect(watch.at("map-of-lap")).to_be_focused()
+    watch.at("map-of-lap").click()
+    watch.at("map-imu.accel.y-delay").fill("13 ms")
+    press("Escape")
+    press("Escape")
+    watch.expect(watch.at("map-says")).to_contain_text("Esc again closes it without them")
+    press("Escape")
+    watch.expect(panel).to_be_hidden()
+
+
+def test_all_proposals_of_a_map_are_taken_at_once(browser: Any, tmp_path: Path) -> None:
+    foreign_log(tmp_path / "lap.csv")
+    with serving(tmp_path / "study", tmp_path) as bench, opening(browser, bench.address) as opened:
+        watch = opened(1440, 900)
+        watch.go("runs")
+        watch.drop("drop-zone", tmp_path / "lap.csv")
+        watch.expect(watch.at("run-row-lap")).to_contain_text("cannot be read", timeout=LONG)
+        watch.at("map-of-lap").click()
+        watch.expect(watch.at("map-says")).to_contain_text("Makes", timeout=LONG)
+        found = watch.page.evaluate("fetch('api/runs/lap/map').then((a) => a.json())")
+        doubtful = [c for c, p in found["proposals"].items() if p["probability"] < found["accepted"]]
+        assert doubtful
+        watch.expect(watch.at("map-all")).to_contain_text(f"({len(doubtful)} more)")
+        watch.at("map-all").click()
+        for column, proposal in found["proposals"].items():
+            watch.expect(watch.at(f"map-{column}")).to_have_value(proposal["expression"])
+            mark = watch.page.locator("tr", has=watch.at(f"map-{column}")).locator("td.num span")
+            watch.expect(mark).to_have_class("warn" if column in doubtful else "good")
+            watch.expect(mark).to_have_text(re.compile(r"\d %"))
+        watch.expect(watch.at("map-all")).to_be_disabled()
+        watch.expect(watch.at("map-says")).to_contain_text("Makes a run")
+        watch.picture("channel-map-all")

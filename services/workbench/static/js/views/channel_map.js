@@ -16,6 +16,8 @@ const MORE = {
  * @param {object} app
  * @param {string} name of the run
  * @param {() => void} done after the map was stored
+ * @returns {Promise<{changed: () => boolean, warn: () => void} | null>} whether there is something to lose, and says so;
+ *   null where the log cannot be read
  */
 export async function showMap(root, app, name, done) {
   const path = `api/runs/${encodeURIComponent(name)}/map`;
@@ -25,7 +27,7 @@ export async function showMap(root, app, name, done) {
     found = await app.api.get(path);
   } catch (cause) {
     root.replaceChildren(h("h2", { text: `Channel map of ${name}` }), h("p", { class: "notice bad", text: cause.message }));
-    return;
+    return null;
   }
   const about = new Map(found.columns.map((c) => [c.column, c]));
   const units = { ...found.units };
@@ -34,6 +36,8 @@ export async function showMap(root, app, name, done) {
   let turn = 0;
 
   const says = h("p", { class: "muted", role: "status", "data-testid": "map-says" });
+  const all = h("button", { type: "button", "data-testid": "map-all", title: "All that the names, units and the car's behaviour propose, also what is not probable enough by itself",
+    onclick: () => takeAll() });
   const body = h("tbody");
   const keep = h("button", { type: "button", class: "primary", "data-testid": "map-keep", disabled: true, text: "Keep the map", onclick: () => void store() });
   const add = h("select", { "aria-label": "add a channel", "data-testid": "map-add", onchange: () => {
@@ -113,7 +117,26 @@ export async function showMap(root, app, name, done) {
     return made;
   }
 
+  /** Channels that are proposed and have no line yet. */
+  const proposed = () => found.columns.map((c) => c.column).filter((column) => found.proposals[column] && !lines.has(column) && !found.kept.includes(column));
+
+  function takeAll() {
+    const taken = proposed();
+    for (const column of taken) {
+      const { name: source, unit, expression } = found.proposals[column];
+      if (unit) units[source] = unit;
+      line(column, expression);
+    }
+    const doubtful = taken.filter((column) => found.proposals[column].probability < found.accepted).length;
+    app.toast(`${taken.length} proposals taken${doubtful ? `; ${doubtful} below ${percent(found.accepted)} are marked: check them` : ""}.`, "note");
+    fill();
+    check();
+  }
+
   function fill() {
+    const left = proposed().length;
+    all.disabled = !left;
+    all.textContent = left ? `Take all proposals (${left} more)` : "All proposals are taken";
     const free = found.columns.filter((c) => !lines.has(c.column) && !found.kept.includes(c.column));
     const option = (c) => h("option", { value: c.column, text: `${c.column}${c.unit ? ` [${c.unit}]` : ""}${found.proposals[c.column]
       ? `: ${found.proposals[c.column].expression}, ${percent(found.proposals[c.column].probability)}` : ""}` });
@@ -148,9 +171,15 @@ export async function showMap(root, app, name, done) {
     h("h2", null, `Channel map of ${found.file}`, h("span", { class: "muted", text: found.map ? `from ${found.map}` : "proposed from names, units and the car's behaviour: look through it, signs first" })),
     h("div", { class: "map-sides" },
       h("div", { class: "scroll map-side" }, h("table", null, head("In the log", "Unit", "Range", "Rate"), sources)),
-      h("div", { class: "scroll map-side" }, h("table", { class: "map-table" }, head("Channel", "Unit", "Is", "Guess", "Check", ""), body), h("div", { class: "bar" }, add))),
+      h("div", { class: "scroll map-side" }, h("table", { class: "map-table" }, head("Channel", "Unit", "Is", "Guess", "Check", ""), body), h("div", { class: "bar" }, add, all))),
     found.kept.length ? h("p", { class: "muted", text: `Kept as they are in the file: ${found.kept.join(", ")}.` }) : null,
     h("div", { class: "bar" }, says, h("span", { class: "end" }, keep)),
   ].filter(Boolean));
   void ask(false);
+  const now = () => JSON.stringify([entries(), units]);
+  const begun = now();
+  const warn = () => {
+    says.textContent = "The map has changes that are not kept: Esc again closes it without them.";
+  };
+  return { changed: () => now() !== begun, warn };
 }

@@ -24,7 +24,10 @@ const ACCEPT = ".mcap,.parquet,.csv,.mf4,.mdf,.toml,.json,.dbc,.txt,.tsv,.dat,.p
 export async function show(root, app) {
   const picked = new Map(); // run → role chosen here and not yet made
   let runs = [];
-  let open = null;
+  let open = null; // the run whose channels are shown; null where its map is
+  let map = null;
+  let of = null; // the run whose map is shown
+  let warned = false;
   let making = false;
   let closed = false;
 
@@ -310,13 +313,35 @@ export async function show(root, app) {
 
   async function mapOf(name) {
     open = null;
+    of = name;
     detail.hidden = false;
-    await showMap(detail, app, name, () => {
+    map = null;
+    warned = false;
+    const found = await showMap(detail, app, name, () => {
       detail.hidden = true;
       void read();
     });
+    if (open === null) map = found;
     detail.scrollIntoView({ block: "nearest" });
   }
+
+  /** Escape closes what is shown of a run; a map with changes at the second press. In a field it leaves the field alone (keys.js). */
+  function escape(event) {
+    if (event.key !== "Escape") warned = false;
+    if (event.key !== "Escape" || event.defaultPrevented || detail.hidden || document.querySelector("dialog[open]")) return;
+    if (event.target.matches?.("input, select, textarea")) return;
+    if (open === null && map?.changed() && !warned) {
+      warned = true;
+      map.warn();
+      return;
+    }
+    const back = open === null ? `map-of-${of}` : `channels-${open}`;
+    open = null;
+    detail.hidden = true;
+    draw();
+    root.querySelector(`[data-testid="${back}"]`)?.focus();
+  }
+  document.addEventListener("keydown", escape);
 
   /** Sends files, several at a time; `as` : in place of the file of that name. */
   async function take(list, as = null) {
@@ -406,6 +431,7 @@ export async function show(root, app) {
     closed = true;
     off();
     for (const kind of kinds) document.removeEventListener(kind, over);
+    document.removeEventListener("keydown", escape);
   };
 }
 
