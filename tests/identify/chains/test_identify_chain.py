@@ -226,6 +226,7 @@ def test_a_cause_that_is_in_no_law_is_not_listed(size: float, verdict: str):
         "small rest": f"A small rest of unknown cause remains at {ratio}: less than 1 % of the torque's variation",
     }
     assert told[verdict] in said
+    assert ("may be off by more than their intervals" in said) == (verdict == "small rest")
 
 
 def test_a_verdict_follows_from_laws_and_errors():
