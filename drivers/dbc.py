@@ -198,7 +198,7 @@ class Dbc(Reader):
         pieces: dict[Key, Series] = {}
         for i, used in enumerate(self._used):
             mine = np.flatnonzero(used.message.of(idents))
-            if not len(mine) and messages[i].held is None:
+            if not len(mine) and messages[i].waits_from is None:
                 continue
             t_ns = frames.t_ns[mine]
             later = t_ns > np.maximum.accumulate(np.concatenate(([last[i]], t_ns)))[:-1]
@@ -214,7 +214,7 @@ class Dbc(Reader):
                 pieces |= _series(used, made.payload, made.lengths, (made.t_ns - (origin or 0)) / 1e9, flags)
         channels = tuple(one.copy() for one in state.channels)
         # Frames held back are still to come.
-        front_ns = min([int(latest[-1]), *(int(one.held.t_ns[0]) for one in messages if one.held is not None)])
+        front_ns = min([int(latest[-1]), *(one.waits_from for one in messages if one.waits_from is not None)])
         made = [one.feed(pieces, front=(front_ns - (origin or 0)) / 1e9) for one in channels]
         state = DbcState(origin, int(latest[-1]), channels, tuple(last), tuple(messages), ledger)
         return self._made(made, state)

@@ -40,12 +40,20 @@ class MessageFrames(NamedTuple):
 
 @dataclass(frozen=True)
 class MessageState:
-    """State of one message between batches: counter, pace, last frames, and those held back."""
+    """State of one message between batches: counter, pace, last frames, those held back, and one in order of which the
+    next says whether it was late or others are lost."""
 
     counter: CounterState = field(default_factory=CounterState)
     pace: Pace = field(default_factory=Pace)
     recent: Recent = field(default_factory=Recent)
     held: MessageFrames | None = None
+    undecided: MessageFrames | None = None
+
+    @property
+    def waits_from(self) -> int | None:
+        """Stamp of the first frame that is not yet delivered [ns]; None without any."""
+        stamps = [int(one.t_ns[0]) for one in (self.undecided, self.held) if one is not None]
+        return min(stamps, default=None)
 
 
 def followed(
@@ -62,17 +70,24 @@ def followed(
     """
     if checks.counter is not None:
         frames, state, ledger = _in_order(frames, front_ns, ended, checks, checks.counter, state, ledger)
+        if state.undecided is not None:
+            frames, state = MessageFrames.joined([state.undecided, frames]), replace(state, undecided=None)
     flags = np.zeros(len(frames.lengths), np.uint8)
     if checks.checksum is not None:
         flags[~checks.checksum.right(frames.payload)] = np.uint8(Flag.CHECKSUM)
-        ledger = add(ledger, bad_checksum=np.count_nonzero(flags))
     if checks.counter is None:
-        return frames, flags, state, ledger
+        return frames, flags, state, add(ledger, bad_checksum=np.count_nonzero(flags))
     counter, bits = checks.counter.raw(frames.payload).astype(np.int64), checks.counter.length
     trusted = (flags == 0) & _reaches(frames, checks.counter)
     turns, pace = None, state.pace
     if bits < WIDE:
         turns, pace = whole_turns(counter, trusted, frames.t_ns, bits, state.counter.last, pace)
+        last = int(np.flatnonzero(trusted)[-1]) if trusted.any() else 0
+        if (turns[last:] > 0).any() and not ended and front_ns[-1] - frames.t_ns[last] <= np.int64(SETTLED * 1e9):
+            state = replace(state, undecided=frames.at(slice(last, None)))
+            frames, counter, trusted, flags = frames.at(slice(last)), counter[:last], trusted[:last], flags[:last]
+            turns, pace = whole_turns(counter, trusted, frames.t_ns, bits, state.counter.last, state.pace)
+    ledger = add(ledger, bad_checksum=np.count_nonzero(flags & np.uint8(Flag.CHECKSUM)))
     jumps, after = follow_counter(counter, trusted, bits, state.counter, turns)
     flags[jumps.gap] |= np.uint8(Flag.GAP)
     ledger = add(ledger, lost=jumps.lost.sum(), restarts=np.count_nonzero(jumps.back))

@@ -41,7 +41,8 @@ def whole_turns(
 
     The counter has less than `counters.WIDE` bits.
     `last` is the trusted counter before these samples. A turn of -1: the counter stands still, and no time for a turn
-    has passed. Without a known period, and after a pause of `OFF`, it is 0.
+    has passed. Without a known period, after a pause of `OFF`, and where the next one comes at once behind it, for they
+    were late together, it is 0.
     """
     turns = np.zeros(len(counter), np.int64)
     at = np.flatnonzero(trusted)
@@ -62,7 +63,8 @@ def whole_turns(
         windows = sliding_window_view(history, INTERVALS)[before[may] - INTERVALS]
         period = np.median(windows, axis=1)
         even = np.mean(np.abs(windows - period[:, None]) <= 0.5 * period[:, None], axis=1) >= EVEN
-        known = even & (0.5 * modulus * period > PAUSE * 1e9)
+        together = np.append(passed[1:], np.iinfo(np.int64).max)[may] < 0.5 * period
+        known = even & ~together & (0.5 * modulus * period > PAUSE * 1e9)
         unseen = np.rint((passed[may] / period - steps[may]) / modulus).astype(np.int64)
         turns[at[may]] = np.where(known, np.maximum(unseen, -(steps[may] == modulus).astype(np.int64)), 0)
     return turns, Pace(int(t_ns[at[-1]]), history[-INTERVALS:])

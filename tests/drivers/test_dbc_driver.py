@@ -246,9 +246,10 @@ def test_a_loss_is_counted_in_whole_turns_of_the_counter_by_the_time_that_passed
     assert flagged == [60]
 
 
-def test_a_pause_of_the_arrivals_is_no_loss():
-    """Frames that wait for a reader come at once behind it: 30 ms, the longest there are."""
-    _, flagged, counts = by_counter(alive(range(200), lambda n: 10 * n + max(0, 30 - 9 * (n % 50))))
+@pytest.mark.parametrize("pause", [30, 100, 400])
+def test_a_pause_of_the_arrivals_is_no_loss(pause):
+    """Frames that wait for a reader come at once behind it."""
+    _, flagged, counts = by_counter(alive(range(200), lambda n: 10 * n + max(0, pause - 9 * (n % 50))))
     assert (counts["lost"], flagged) == (0, [])
 
 
