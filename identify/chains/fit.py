@@ -206,9 +206,8 @@ def fit_chain(model: ChainModel, samples: JointSamples, slowest: Array, robust: 
     standard: Array | None = None
     rounds = _ROUNDS if model.iterates else 1
     while True:
-        W, y = model.equations(samples, standard)
-        if standard is not None:
-            W, y = model.about(W, y, standard)
+        equations = model.equations(samples, standard)
+        W, y = equations if standard is None else model.about(*equations, standard)
         found = _solved(model, W[:, :, keep], y, used, kept / samples.filters.rate, robust, record)
         before, standard, rounds = standard, found.standard, rounds - 1
         step = np.inf if before is None else np.abs(standard - before)[keep]

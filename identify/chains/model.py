@@ -184,14 +184,14 @@ class ChainModel:
         Encoder offsets that are known are in the positions: the equations give what is added to them. A motor's gain
         scales the bodies' columns of its joint.
         """
-        W, y = W.copy(), y + W[:, :, self.offset_places] @ standard[self.offset_places]
+        columns, right = W.copy(), y + W[:, :, self.offset_places] @ standard[self.offset_places]
         for effect in self.effects:
             if isinstance(effect, MotorGain):
                 at = self.chain.coupling.free.index(next(iter(effect.directions)))
                 place = self.place[effect.key].start
-                y[:, at] += standard[place] * W[:, at, place]
-                W[:, at, : 10 * self.chain.n] *= 1.0 + standard[place]
-        return W, y
+                right[:, at] += standard[place] * W[:, at, place]
+                columns[:, at, : 10 * self.chain.n] *= 1.0 + standard[place]
+        return columns, right
 
     @property
     def iterates(self) -> bool:
