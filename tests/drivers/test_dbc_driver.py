@@ -205,7 +205,7 @@ def test_a_frame_that_comes_again_is_used_once(back):
     assert counts == split_counts
 
 
-def alive(numbers, at=lambda n: 10 * n) -> list[tuple[float, int, bytes]]:
+def alive(numbers, at=lambda n: 10 * n) -> list[tuple[int, int, bytes]]:
     """Messages of these numbers at 100 Hz, each with its number as the value and in the counter."""
     return [(at(n), 256, esp(n % 300, alive=n % 16)) for n in numbers]
 
