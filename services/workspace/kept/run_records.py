@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any
 
@@ -37,6 +37,7 @@ def runs_record(loaded: Loaded) -> dict[str, Any]:
 def restored_runs(kept: Mapping[str, Any], rig: Rig, vehicle: Vehicle) -> Loaded:
     """The runs from their stored form, to the last bit; `rig` and `vehicle` as the study's files have them."""
     prepared = tuple(PreparedRun(_restored(one, rig, vehicle)) for one in kept["recordings"])
+    rig = _with_travels(rig, kept["recordings"][0]["channels"])
     return Loaded(vehicle, rig, prepared, kept["warnings"], sheet=kept["sheet"])
 
 
@@ -55,12 +56,16 @@ def _record(recording: Recording) -> dict[str, Any]:
 def _restored(kept: Mapping[str, Any], rig: Rig, vehicle: Vehicle) -> Recording:
     filters, noise, beyond = kept["fields"]["filters"], kept["noise"], kept["beyond"]
     signals = Signals.differentiated(kept["value"], filters.rate)
-    travels = {f"suspension.{c}.travel": f"laser.{c}.hub" for c in CORNERS}
-    stood_in = {travel: hub for travel, hub in travels.items() if travel not in kept["channels"]}
-    rig = with_travel_as_laser(rig, stood_in)
-    whole = Recording(**kept["fields"], signals=signals, vehicle=vehicle, rig=_with_noise(rig, noise))
+    rig = _with_noise(_with_travels(rig, kept["channels"]), noise)
+    whole = Recording(**kept["fields"], signals=signals, vehicle=vehicle, rig=rig)
     whole = whole if beyond is None else whole.smoothed(beyond)
     return completed(whole) if kept["completed"] else whole
+
+
+def _with_travels(rig: Rig, channels: Collection[str]) -> Rig:
+    """The rig with its sensors of travel as those of hub lasers where a recording's `channels` of the rig are these."""
+    travels = {f"suspension.{c}.travel": f"laser.{c}.hub" for c in CORNERS}
+    return with_travel_as_laser(rig, {travel: hub for travel, hub in travels.items() if travel not in channels})
 
 
 def _with_noise(rig: Rig, noise: Sequence[Mapping[str, float]]) -> Rig:
