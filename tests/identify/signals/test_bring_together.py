@@ -30,8 +30,9 @@ def test_a_run_with_a_hole_of_hours_is_refused_with_its_parts() -> None:
     with pytest.raises(RunError, match=r"from 5\.99 to 900000000\.00 s.*--to 5\.99, or --from 900000000\.00"):
         bring_together(made(laser__fl__hub=whole, laser__fr__hub=slow), VEHICLE, RIG, Filters())
     rare = np.r_[before, np.arange(300.0, 3000.0, 300.0), 3000.0 + before]
+    many = np.arange(0.0, 6.0, 0.004)
     short = bring_together(
-        made(laser__fl__hub=np.r_[before, 3000.0 + before], laser__fr__hub=rare), VEHICLE, RIG, Filters()
+        made(laser__fl__hub=np.r_[many, 3000.0 + many], laser__fr__hub=rare), VEHICLE, RIG, Filters()
     )
     assert short.t[-1] > 3000.0
 
