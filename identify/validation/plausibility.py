@@ -317,9 +317,14 @@ def _changes(run: PreparedRun, pairs: Mapping[str, tuple[str, str]]) -> Iterator
 
 
 def _rolling_as_far(run: PreparedRun) -> Iterator[Doubt]:
-    """Travels in another unit or scale: in turns the body rolls as its travels differ, and as its tyres give."""
-    force, usable = _accel(run), _usable(run, "imu.accel")
+    """Travels in another unit or scale: in turns the body rolls as its travels differ, and as its tyres give.
+
+    In turns the car yaws as it is pushed aside; on a rig that rolls it by its wheels it does not.
+    """
+    force, usable = _accel(run), _usable(run, "imu.accel", "imu.rate")
     if force is None or "imu.rate" not in run.recording.signals.value or float(np.std(force[1, usable])) < _CORNERS:
+        return
+    if _slope(run.outline.omega[2][usable], force[1, usable])[1] < _ALIKE:
         return
     found: dict[str, float] = {}
     for axle, change, turned in _changes(run, _AXLES):

@@ -209,6 +209,7 @@ def test_a_unit_that_no_meaning_of_the_name_can_have_leaves_it_without_a_proposa
     ("Lenkwinkel_HL_deg", "camera.rl.steer", "deg"), ("Geschw_quer_kmph", "correvit.speed.y", "km/h"),
     ("yaw_rate_deg_s", "imu.rate.z", "deg/s"), ("Fz_FL_N", "wheel.fl.force.z", "N"),
     ("Accel Y [g]", "imu.accel.y", "g"), ("Drehzahl.VL.1pmin", "wheel.fl.speed", "1/min"),
+    ("GyroZ_degs", "imu.rate.z", "deg/s"), ("Raddrehzahl_VL_mm", "wheel.fl.speed", "rad/s"),
     ("Raddrehzahl_VR_Rad", "wheel.fr.speed", "rad/s"), ("My_FR_n", "wheel.fr.moment.y", "kN·m"),
 ])  # fmt: skip
 def test_a_name_may_end_in_its_unit(tmp_path: Path, name: str, column: str, unit: str) -> None:

@@ -280,8 +280,9 @@ def test_a_scale_measures_along_the_vertical_while_the_body_rolls_and_the_wheel_
         "camera.fl.camber": Signal(t, np.full((t.size, 1), 0.04), zero.astype(np.uint8)),
         **{f"scale.{c}.load": Signal(t, np.full((t.size, 1), 4000.0), zero.astype(np.uint8)) for c in CORNERS},
     }
-    motion = PreparedRun.of(replace(run, signals=signals), VEHICLE, RIG).motion
-    inside = slice(200, -200)
+    prepared = PreparedRun.of(replace(run, signals=signals), VEHICLE, RIG)
+    assert prepared.recording.sources["imu.attitude"].inputs == ("imu.accel", "imu.rate")
+    motion, inside = prepared.motion, slice(200, -200)
     upright = np.stack([np.zeros(motion.t.size), np.sin(0.05 * np.sin(motion.t)), np.cos(0.05 * np.sin(motion.t))])
     for c in CORNERS:
         load = 4000.0 - 9.80665 * VEHICLE.assumption("outboard_mass", c).value

@@ -129,6 +129,26 @@ def test_travels_of_another_scale_are_told_by_the_roll_in_turns(factor: float, a
         assert [says in line for line in said] == ([True] if says and name == "sine" else [])
 
 
+def test_a_rig_that_rolls_the_car_by_its_wheels_is_no_turn() -> None:
+    """Without yaw the body may roll as far beside its travels as it likes."""
+    run = changed(few_instruments("sine"), "imu.rate", "z", lambda rate: 1e-3 * np.sign(rate[::-1]))
+    hubs = {c: f"laser.{c}.hub" for c in CORNERS}
+    design = {c: design_reading(RIG, VEHICLE.corners[c]) for c in hubs}
+    values = {hub: design[c] + 0.1 * (run.signals[hub].values - design[c]) for c, hub in hubs.items()}
+    assert not any("rolls" in line for line in implausible(drive_of(run.with_values(values))))
+
+
+def test_travels_that_do_not_follow_the_roll_are_not_judged_by_its_size() -> None:
+    """Noise instead of travel is no other unit."""
+    run, rng = few_instruments("sine"), np.random.default_rng(0)
+    values = {
+        f"laser.{c}.hub": design_reading(RIG, VEHICLE.corners[c])
+        + 0.01 * rng.standard_normal(run.signals[f"laser.{c}.hub"].values.shape)
+        for c in CORNERS
+    }
+    assert not any("rolls" in line for line in implausible(drive_of(run.with_values(values))))
+
+
 def with_motion_ratio(folder: Path) -> Vehicle:
     """The car with dampers that move as the wheels do."""
     text = (CAR / "vehicle.toml").read_text(encoding="utf-8")
