@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ import pytest
 from lacet.daq.formats.exchange import write_table
 from lacet.daq.formats.open_run import open_run
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.prepared_run import Unmeasured
 from lacet.identify.regression.sums.tree import merged
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.selection.columns.cross_products import CrossProducts, Extent, SumsOfRuns
@@ -21,6 +22,7 @@ from lacet.identify.selection.laws.grammar import pool
 from lacet.identify.selection.partial_regression import GainsTask
 from lacet.identify.validation.noise_floor import floor_of
 from lacet.services.campaign import tasks
+from lacet.services.campaign.ranking import CampaignRanking
 from lacet.services.campaign.ranking_tasks import (
     Draws,
     FitAt,
@@ -169,6 +171,26 @@ def test_laws_of_no_catalogue_that_a_run_cannot_show_are_told_apart(
     assert of_speed
     assert set(lacks) == of_speed
     assert {lack.run for lack in lacks.values()} == {"slow"}
+
+
+def test_workers_are_asked_once_what_a_law_of_no_catalogue_needs(plain: FitAt) -> None:
+    """What the survey of the catalogue's candidates says stands beside it."""
+    asked: list[tuple[str, ...]] = []
+    lack = Unmeasured("slow", ("correvit.speed",))
+
+    def reduce(state: LacksAt, how: Callable[[Sequence[Any]], Any], what: str) -> Any:
+        asked.append(tuple(law.key for law in state.laws))
+        return how([{key: lack for key in asked[-1] if key.startswith("law_chassis")}])
+
+    known = SETTINGS.known_effects()
+    ranking = CampaignRanking(cast(Any, None), cast(Any, None))
+    survey = RunSurvey({}, {}, (), {"tyre_damping.front": lack})
+    vars(ranking).update(candidates=known, survey=survey, plain=plain, reduce=reduce)
+    of_speed, of_travel = pool("chassis.fx")[0](""), pool("suspension")[0]("rear")
+    tried = [of_speed, of_travel, known["tyre_damping.front"], known["anti_roll_bar.front"]]
+    for _ in range(2):
+        assert set(ranking.unmeasured(tried)) == {of_speed.key, "tyre_damping.front"}
+    assert asked == [(of_speed.key, of_travel.key)]
 
 
 def test_draws_of_single_runs_are_combined_into_campaigns(plain: FitAt, references: list[RunReference]) -> None:
