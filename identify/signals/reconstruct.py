@@ -343,7 +343,7 @@ def _longest_hole(signals: Sequence[Signal]) -> tuple[float, float] | None:
 
 
 def _ends(signal: Signal, a: float, b: float) -> list[tuple[float, float]]:
-    """What is left of a hole before a signal's first sample in it and behind the last."""
+    """The parts of a hole before a signal's first sample in it and behind the last."""
     first, behind = int(np.searchsorted(signal.t, a, "right")), int(np.searchsorted(signal.t, b))
     return [(a, float(signal.t[first])), (float(signal.t[behind - 1]), b)] if behind > first else [(a, b)]
 
