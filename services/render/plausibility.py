@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from lacet.daq.channels import CHANNELS
+from lacet.identify.validation.clocks import ClockDifference
 from lacet.identify.validation.plausibility import Doubt, Symptom
 
 
@@ -43,6 +44,15 @@ def sentence(doubt: Doubt) -> str:
             return f"imu.attitude {angle} turns {value:.3g} times as fast as imu.rate {axis} says{_unit(doubt)}"
         case _:
             return _compared(doubt)
+
+
+def of_clocks(one: ClockDifference) -> str:
+    """A difference of clocks, and what to do about it."""
+    return (
+        f"the {one.late} is about {one.lag:.2f} s later than the {one.other} (correlation {one.alike:.2f} at that "
+        "lag; in a periodic manoeuvre it may be whole periods more): their clocks differ. Give the one that is late a "
+        "delay in the map, or a latency in the rig, and look at the rest with 'lacet check --only latency'"
+    )
 
 
 def _speed(doubt: Doubt) -> str:

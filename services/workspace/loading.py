@@ -25,6 +25,7 @@ from lacet.identify.signals.noise_level import NoiseLevel, as_measured, measured
 from lacet.identify.signals.sources import Kind
 from lacet.identify.validation.channels.recorded_faults import recorded_faults
 from lacet.identify.validation.channels.single_faults import column_faults
+from lacet.identify.validation.clocks import differing_clocks
 from lacet.identify.validation.exchanged_wheels import exchanged_wheels
 from lacet.identify.validation.plausibility import doubtful_channels
 from lacet.services.progress import Progress, ServiceStage, ServiceStep
@@ -200,7 +201,8 @@ def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, w
     drive = PreparedRun.of(run, vehicle, rig, filters)
     recorded = [channels.sentence(fault) for fault in recorded_faults(run, drive)]
     overview = drive.overview()
-    doubts = [plausibility.sentence(doubt) for doubt in doubtful_channels(overview)]
+    late = [plausibility.of_clocks(one) for one in differing_clocks(overview)]
+    doubts = late or [plausibility.sentence(doubt) for doubt in doubtful_channels(overview)]
     warnings += [f"{run.name}: {said}" for said in (*recorded, *doubts)]
     moved = {} if recorded else exchanged_wheels(overview)
     if moved:

@@ -1,0 +1,48 @@
+"""Clocks of instruments that differ are told with their lag: the reference car with an instrument stamped otherwise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from lacet.daq.run import Run
+from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.validation.clocks import differing_clocks
+from lacet.services.render.plausibility import of_clocks
+from tests.identify import cars
+
+VEHICLE, RIG = cars.reference_car()
+
+
+def stamped(run: Run, family: str, later: float) -> PreparedRun:
+    """A run whose channels of a family are stamped by so much later [s]."""
+    signals = {
+        name: replace(one, t=one.t + later) if name.startswith(family) else one for name, one in run.signals.items()
+    }
+    return PreparedRun.of(replace(run, signals=signals), VEHICLE, RIG)
+
+
+@pytest.mark.parametrize("name", ["sine", "sweep", "rough", "liftoff"])
+def test_nothing_is_said_of_one_clock(name: str) -> None:
+    """Nor of one that is late by what a latency may be, nor of an acceleration of the other sign."""
+    run = cars.piece(name, 2.0, 22.0)
+    assert differing_clocks(stamped(run, "imu", 0.0)) == []
+    assert differing_clocks(stamped(run, "imu", 0.06)) == []
+    accel = run.signals["imu.accel"].values * [1.0, -1.0, 1.0]
+    assert differing_clocks(stamped(run.with_values({"imu.accel": accel}), "imu", 0.0)) == []
+
+
+@pytest.mark.parametrize(("name", "later"), [("sine", 0.4), ("sweep", 1.3), ("liftoff", 0.7), ("sweep", -0.5)])
+def test_an_inertial_unit_with_a_clock_of_its_own_is_told(name: str, later: float) -> None:
+    (first, *_) = differing_clocks(stamped(cars.piece(name, 2.0, 22.0), "imu", later))
+    assert first.lag == pytest.approx(abs(later), abs=0.12)
+    assert first.late == ("inertial unit" if later > 0.0 else first.late)
+    assert (first.other == "inertial unit") == (later < 0.0)
+    assert f"the {first.late} is about {first.lag:.2f} s later than the {first.other}" in of_clocks(first)
+
+
+def test_travels_late_alone_are_told_as_such() -> None:
+    (one,) = differing_clocks(stamped(cars.piece("sweep", 2.0, 22.0), "laser", 0.6))
+    assert (one.late, one.other) == ("suspension travels", "inertial unit")
+    assert one.lag == pytest.approx(0.6, abs=0.05)
