@@ -52,6 +52,8 @@ def differing_clocks(run: PreparedRun) -> list[ClockDifference]:
     for other, pairs in _pairs(run).items():
         each = np.array([_alike(own, same, rate) for own, same in pairs])
         most, together = each.shape[1] // 2, each.mean(axis=0)
+        if not np.max(together) > 0.0:  # a car that stands
+            continue
         peaks = np.append(scipy.signal.find_peaks(together)[0], np.argmax(together))
         near = peaks[together[peaks] >= _AS_GOOD * np.max(together)]
         at = int(near[np.argmin(np.abs(near - most))])

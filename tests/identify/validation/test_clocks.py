@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from lacet.daq.run import Run
@@ -46,3 +47,9 @@ def test_travels_late_alone_are_told_as_such() -> None:
     (one,) = differing_clocks(stamped(cars.piece("sweep", 2.0, 22.0), "laser", 0.6))
     assert (one.late, one.other) == ("suspension travels", "inertial unit")
     assert one.lag == pytest.approx(0.6, abs=0.05)
+
+
+def test_nothing_is_said_of_channels_that_stand_still() -> None:
+    run = cars.piece("sine", 2.0, 12.0)
+    still = run.with_values({name: np.repeat(one.values[:1], len(one.t), 0) for name, one in run.signals.items()})
+    assert differing_clocks(PreparedRun.of(still, VEHICLE, RIG)) == []
