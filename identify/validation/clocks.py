@@ -87,8 +87,8 @@ def _alike(first: Array, second: Array, rate: float) -> Array:
     """(2 K + 1,) correlation of two series (N,) at lags of the second behind the first from −K to K samples."""
     a, b = first - first.mean(), second - second.mean()
     most = min(round(_FARTHEST * rate), a.size // 2)
-    n = scipy.fft.next_fast_len(2 * a.size, real=True)
-    products = scipy.fft.irfft(scipy.fft.rfft(b, n) * np.conj(scipy.fft.rfft(a, n)), n)
+    n = int(scipy.fft.next_fast_len(2 * a.size, real=True))
+    products = np.fft.irfft(np.fft.rfft(b, n) * np.conj(np.fft.rfft(a, n)), n)
     # Squares of what overlaps at each lag, of the first from its begin on and of the second to its end, or the reverse.
     of_a, of_b = (np.concatenate([[0.0], np.cumsum(x**2)]) for x in (a, b))
     k = np.arange(most + 1)
