@@ -75,7 +75,7 @@ class _Completion:
         speed = next((name for name in SPEEDS if self._has(name)), None)
         stands = any(self._has(f"scale.{c}.load") for c in CORNERS)
         if (speed or stands) and self._has(*_INERTIAL) and not self._has("imu.attitude"):
-            self._attitude(None if stands else speed)
+            self._attitude(speed)
             recording = self.recording
         if not self._has(*_INERTIAL):
             self._bus()
