@@ -356,7 +356,8 @@ class SuspensionForce(AtSuspensions):
     """
 
     bend: ClassVar[Bend] = Bend.NOWHERE
-    """Where the law bends within the noise of its argument; a polynomial does not."""
+    """Where the law bends within the noise of its argument; a polynomial does not. One that bends is a function of both
+    at an instant alone: it is evaluated at several motions, one after the other."""
 
     @property
     def conditional(self) -> bool:
