@@ -2,7 +2,7 @@
 
 Two groups of a log may have clocks of their own, started apart. Wheel forces are mass times acceleration, and the body
 rolls as its travels differ: the lag at which the two are most alike is that of their clocks, where they are nearly the
-same at it and clearly less without it. Smaller lags are left to the fit, which finds them far better
+same at it and clearly less without it. The fit finds smaller lags, and far better
 (`regression.latency`).
 """
 
@@ -18,7 +18,7 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 
 _LEAST = 0.2
-"""Least difference that is told [s]. Source: a choice; instruments have latencies of some hundredths, and in a slalom
+"""Least difference that is reported [s]. Source: a choice; instruments have latencies of some hundredths, and in a slalom
 the acceleration of the body's origin is up to 0.08 s from the centre of gravity's (20 sound runs of three cars)."""
 _FARTHEST = 5.0
 """Farthest lag that is looked at [s]."""
@@ -32,7 +32,7 @@ _REVERSED = -0.5
 away."""
 _AS_GOOD = 0.95
 """Part of the best correlation of all axes from which a lag is as good: a periodic motion is alike at many, and the
-smallest is told."""
+smallest is reported."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,8 @@ def differing_clocks(run: PreparedRun) -> list[ClockDifference]:
         at = int(near[np.argmin(np.abs(near - most))])
         axis = int(np.argmax(each[:, at]))
         lag, alike, without = (at - most) / rate, float(each[axis, at]), float(each[axis, most])
-        told = abs(lag) >= _LEAST and alike >= _SAME and 1.0 - without >= _LESS * (1.0 - alike)
-        if not told or without < _REVERSED:
+        clear = abs(lag) >= _LEAST and alike >= _SAME and 1.0 - without >= _LESS * (1.0 - alike)
+        if not clear or without < _REVERSED:
             continue
         names = ("inertial unit", other) if lag > 0.0 else (other, "inertial unit")
         out.append(ClockDifference(*names, abs(lag), alike))
