@@ -2,8 +2,7 @@
 
 Two groups of a log may have clocks of their own, started apart. Wheel forces are mass times acceleration, and the body
 rolls as its travels differ: the lag at which the two are most alike is that of their clocks, where they are nearly the
-same at it and clearly less without it. The fit finds smaller lags, and far better
-(`regression.latency`).
+same at it and clearly less without it. The fit finds smaller lags, and far better (`regression.latency`).
 """
 
 from __future__ import annotations
@@ -18,8 +17,9 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 
 _LEAST = 0.2
-"""Least difference that is reported [s]. Source: a choice; instruments have latencies of some hundredths, and in a slalom
-the acceleration of the body's origin is up to 0.08 s from the centre of gravity's (20 sound runs of three cars)."""
+"""Least difference that is reported [s]. Source: a choice; instruments have latencies of some hundredths, and in a
+slalom the acceleration of the body's origin is up to 0.08 s from the centre of gravity's (20 sound runs of three
+cars)."""
 _FARTHEST = 5.0
 """Farthest lag that is looked at [s]."""
 _SAME = 0.9
