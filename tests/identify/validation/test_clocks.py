@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lacet.daq.channels import CORNERS
 from lacet.daq.run import Run
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.validation.clocks import differing_clocks
 from lacet.services.render.plausibility import of_clocks
+from lacet.services.workspace.loading import prepare_run
 from tests.identify import cars
 
 VEHICLE, RIG = cars.reference_car()
@@ -53,3 +55,25 @@ def test_nothing_is_said_of_channels_that_stand_still() -> None:
     run = cars.piece("sine", 2.0, 12.0)
     still = run.with_values({name: np.repeat(one.values[:1], len(one.t), 0) for name, one in run.signals.items()})
     assert differing_clocks(PreparedRun.of(still, VEHICLE, RIG)) == []
+
+
+def test_a_slow_motion_is_nearly_alike_at_many_lags() -> None:
+    """One turn in twenty seconds, of which noise decides where the two are most alike."""
+    run, rng = cars.piece("sine", 2.0, 22.0), np.random.default_rng(0)
+    values = {}
+    for name, late in {"imu.accel": 0.4, **{f"wheel.{c}.force": 0.0 for c in CORNERS}}.items():
+        t = run.signals[name].t
+        slow = np.sin(0.1 * np.pi * (t - late))[:, None] + 0.15 * rng.standard_normal((t.size, 3))
+        values[name] = (2.0 if name == "imu.accel" else 1000.0) * slow
+    assert [
+        one for one in differing_clocks(stamped(run.with_values(values), "imu", 0.0)) if "forces" in one.other
+    ] == []
+
+
+def test_the_warning_is_there_before_the_fit() -> None:
+    warnings: list[str] = []
+    run = cars.piece("sweep", 2.0, 22.0)
+    late = {n: replace(one, t=one.t + 0.5) if n.startswith("imu") else one for n, one in run.signals.items()}
+    ready = prepare_run(replace(run, signals=late), VEHICLE, RIG, None, warnings)
+    assert any("their clocks differ" in line for line in warnings)
+    assert not ready.sound

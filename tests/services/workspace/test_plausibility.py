@@ -131,7 +131,8 @@ def test_travels_of_another_scale_are_told_by_the_roll_in_turns(factor: float, a
 
 def test_a_rig_that_rolls_the_car_by_its_wheels_is_no_turn() -> None:
     """Without yaw the body may roll as far beside its travels as it likes."""
-    run = changed(few_instruments("sine"), "imu.rate", "z", lambda rate: 1e-3 * np.sign(rate[::-1]))
+    run = without(few_instruments("sine"), "camera")
+    run = changed(run, "imu.rate", "z", lambda rate: 1e-3 * np.sign(rate[::-1]))
     hubs = {c: f"laser.{c}.hub" for c in CORNERS}
     design = {c: design_reading(RIG, VEHICLE.corners[c]) for c in hubs}
     values = {hub: design[c] + 0.1 * (run.signals[hub].values - design[c]) for c, hub in hubs.items()}
