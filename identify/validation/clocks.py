@@ -18,12 +18,12 @@ from lacet.identify.regression.prepared_run import PreparedRun
 
 _LEAST = 0.2
 """Least difference that is reported [s]. Source: a choice; instruments have latencies of some hundredths, and in a
-slalom the acceleration of the body's origin is up to 0.08 s from the centre of gravity's (20 sound runs of three
+slalom the acceleration of the body's origin is up to 0.08 s from the centre of gravity's (20 sound runs of two
 cars)."""
 _FARTHEST = 5.0
 """Farthest lag that is looked at [s]."""
 _SAME = 0.9
-"""Correlation from which two signals are the same motion. Source: a choice; in turns sound runs have 0.95 and more."""
+"""Correlation from which two signals are the same motion. Source: a choice."""
 _LESS = 4.0
 """How much farther from 1 the correlation without lag is than that at the lag, at least: a slow or periodic motion is
 nearly alike at many lags."""

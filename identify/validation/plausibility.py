@@ -45,8 +45,8 @@ _MINOR: Final = 0.1
 """Part of the roll that a pitch is at least, and the reverse, to be compared with travels: links that raise the body in
 a turn, which is no spring's doing, turn it less about the other axis."""
 _STIFF: Final = 5.0
-"""Roll of the body ÷ roll by the travels of an axle, or the reverse, that no tyre explains. Source: a choice; 24 sound
-runs of four cars have 1.06 to 1.26, stiff springs on soft tyres more."""
+"""Roll of the body ÷ roll by the travels of an axle, or the reverse, that no tyre explains. Source: a choice; 25 sound
+runs of two cars have 1.06 to 1.26, stiff springs on soft tyres more."""
 _STEP: Final = 0.2
 """Time step over which attitude and travels are compared with the integral of the rates [s]."""
 _LEAST: Final = 30

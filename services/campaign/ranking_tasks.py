@@ -39,12 +39,8 @@ class PlainEffect:
     @classmethod
     def of(cls, effect: Effect) -> PlainEffect:
         """The plain form of an effect."""
-        shape = tuple(effect.shape.items())
-        return (
-            cls(effect.key, shape, effect.line.text, effect.where)
-            if isinstance(effect, OneLine)
-            else cls(effect.key, shape)
-        )
+        line, where = (effect.line.text, effect.where) if isinstance(effect, OneLine) else ("", "")
+        return cls(effect.key, tuple(effect.shape.items()), line, where)
 
     def among(self, known: Mapping[str, Effect]) -> Effect:
         """The effect, of those `known`, or of the line of a law that no catalogue has."""

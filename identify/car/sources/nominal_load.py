@@ -9,16 +9,15 @@ import numpy as np
 from lacet.daq.assumptions import Assumption
 from lacet.daq.channels import CORNERS
 from lacet.daq.rig import Rig
-from lacet.daq.vehicle import Corner
 from lacet.identify.car.car_tree import AXLE, CHASSIS, WHEEL
-from lacet.identify.car.sources.wheel_force import GRAVITY, corner_motion, inboard_mass, shares
+from lacet.identify.car.sources.wheel_force import GRAVITY, WheelForceLaw, corner_motion, inboard_mass, shares
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.reconstruct import Recording, Signals
-from lacet.identify.signals.sources import Law, Series
+from lacet.identify.signals.sources import Series
 
 
 @dataclass(frozen=True)
-class NominalLoad(Law[Signals]):
+class NominalLoad(WheelForceLaw):
     """Wheel force of a car whose masses are known: a quarter of the sprung mass and what is unsprung.
 
     F_z = m g (1 − τ side a_y / g), τ the load transfer; F_x and F_y are in proportion to it and to the accelerations.
@@ -30,7 +29,6 @@ class NominalLoad(Law[Signals]):
     parameters, by name, set the scale: then the sprung mass is a parameter.
     """
 
-    corner: Corner
     rig: Rig
     sprung: Assumption | None
     static: Assumption
@@ -40,11 +38,6 @@ class NominalLoad(Law[Signals]):
     transfer: Assumption
     lateral: Assumption
     longitudinal: Assumption
-
-    @property
-    def channel(self) -> str:
-        """The wheel force."""
-        return f"wheel.{self.corner.name}.force"
 
     @property
     def assumptions(self) -> tuple[Assumption, ...]:

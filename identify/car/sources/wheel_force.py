@@ -41,19 +41,25 @@ def inboard_mass(signals: Signals, unsprung: Assumption, outboard: Assumption | 
 
 
 @dataclass(frozen=True)
-class LoadCell(Law[Signals]):
-    """Wheel force from a vertical load in carrier axes, by a load cell; `load` : its channel."""
+class WheelForceLaw(Law[Signals]):
+    """Force of the wheel of a corner from what is measured in place of it."""
 
     corner: Corner
-    load: str
-    rig: Rig
-    lateral: Assumption
-    longitudinal: Assumption
 
     @property
     def channel(self) -> str:
         """The wheel force."""
         return f"wheel.{self.corner.name}.force"
+
+
+@dataclass(frozen=True)
+class LoadCell(WheelForceLaw):
+    """Wheel force from a vertical load in carrier axes, by a load cell; `load` : its channel."""
+
+    load: str
+    rig: Rig
+    lateral: Assumption
+    longitudinal: Assumption
 
     @property
     def assumptions(self) -> tuple[Assumption, ...]:
@@ -69,7 +75,7 @@ class LoadCell(Law[Signals]):
 
 
 @dataclass(frozen=True)
-class Scale(Law[Signals]):
+class Scale(WheelForceLaw):
     """Wheel force from a corner scale, or the load cell of a post, under the tyre: in body axes (3, N).
 
     It measures along the vertical, which leans in the body's axes as the body rolls and pitches, and in the carrier's
@@ -77,16 +83,10 @@ class Scale(Law[Signals]):
     between the scale and the point that the wheel forces belong to.
     """
 
-    corner: Corner
     rig: Rig
     lateral: Assumption
     longitudinal: Assumption
     weight: Assumption | None = None
-
-    @property
-    def channel(self) -> str:
-        """The wheel force."""
-        return f"wheel.{self.corner.name}.force"
 
     @property
     def assumptions(self) -> tuple[Assumption, ...]:
@@ -108,7 +108,7 @@ class Scale(Law[Signals]):
 
 
 @dataclass(frozen=True)
-class Pushrod(Law[Signals]):
+class Pushrod(WheelForceLaw):
     """Wheel force from a pushrod with a force gauge: its force × ratio, and the unsprung mass that it does not carry.
 
     ratio · P = F·∂p/∂s − inertia along s, of all that is between tyre (or transducer) and pushrod, as one mass at the
@@ -116,7 +116,6 @@ class Pushrod(Law[Signals]):
     reading of the hub laser at design height [m].
     """
 
-    corner: Corner
     rig: Rig
     design: float
     ratio: Assumption
@@ -125,11 +124,6 @@ class Pushrod(Law[Signals]):
     follows: Assumption
     lateral: Assumption
     longitudinal: Assumption
-
-    @property
-    def channel(self) -> str:
-        """The wheel force."""
-        return f"wheel.{self.corner.name}.force"
 
     @property
     def assumptions(self) -> tuple[Assumption, ...]:
