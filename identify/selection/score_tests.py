@@ -460,23 +460,9 @@ class ScoreTests:
             self.regression, without_tolerance.own if without_tolerance else np.zeros(0, np.intp)
         )
 
-    def tolerance_use(self, key: str = "") -> ToleranceUse:
-        """Sensor tolerances that the runs need with candidate `key` at its best shape in the model, or with none."""
-        return tolerance_use(self.columns, self.regression, self.null, self._tolerances_found(key))
-
-    def _tolerances_found(self, key: str) -> Array:
-        """(a,) nuisance parameters estimated from the residual with the candidate `key`, or with none."""
-        known, right = self.regression, self.layout.right
-        if not key:
-            return known.gain[:, right]
-        one = self.best_tests[key]
-        if one.without_tolerance is None:
-            return known.gain[:, right] - known.gain[:, one.trial.place] @ one.values
-        # A fault tested without its tolerance has nothing that stands for it.
-        fault, residual = one.without_tolerance.coefficients()[known.nuisance].T
-        out = float(one.values[0]) * fault - residual
-        out[one.without_tolerance.own] = 0.0
-        return out
+    def tolerance_use(self) -> ToleranceUse:
+        """Sensor tolerances that the runs need."""
+        return tolerance_use(self.columns, self.regression, self.null)
 
     # -- all of them --------------------------------------------------------------------------------------------------
 

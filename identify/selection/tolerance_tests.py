@@ -8,8 +8,8 @@ fault (`own`) are no nuisance in its test, and its size is then compared with th
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
@@ -148,6 +148,23 @@ def tolerances_like(space: PartialRegression, place: int, alike: NDArray[np.intp
 
 
 @dataclass(frozen=True)
+class FreeEntry:
+    """One entry of the sensor sheet estimated without its tolerance, all others with theirs.
+
+    Attributes
+    ----------
+    name : the entry.
+    size, spread : its estimated error ÷ its tolerance, and 1 σ for independent residuals.
+    squares : sum of the squares of the other entries, as `ToleranceUse.squares`.
+    """
+
+    name: str
+    size: float
+    spread: float
+    squares: float
+
+
+@dataclass(frozen=True)
 class ToleranceUse:
     """Sensor tolerances that the runs need, in units of the sheet, compared with those of simulated runs.
 
@@ -156,11 +173,14 @@ class ToleranceUse:
     sizes : entry of the sheet → its estimated error ÷ its tolerance.
     squares : sum of their squares without those of latencies, for which there are tests of their own.
     null : (D,) that sum in simulated runs of a complete model, their errors drawn from the tolerances.
+    free : where the sheet is rejected, each entry of which the others are not when it is free, the one that leaves
+        least first: it alone being wrong would do.
     """
 
     sizes: Mapping[str, float]
     squares: float
     null: Array = field(repr=False)
+    free: Sequence[FreeEntry] = ()
 
     @property
     def excess(self) -> float:
@@ -170,17 +190,19 @@ class ToleranceUse:
     @property
     def tolerance_exceeded(self) -> bool:
         """Whether the sheet is rejected: `squares` above those of all simulated runs, and well above their mean."""
-        return self.squares > max(
-            float(np.max(self.null)), SELECTION.tolerance_squares_ratio * float(np.mean(self.null))
-        )
+        return self.rejects(self.squares)
+
+    def rejects(self, squares: float) -> bool:
+        """Whether the sheet would be rejected with this sum of squares."""
+        return squares > max(float(np.max(self.null)), SELECTION.tolerance_squares_ratio * float(np.mean(self.null)))
 
 
-def tolerance_use(columns: CandidateColumns, known: PartialRegression, null_runs: Array, found: Array) -> ToleranceUse:
-    """The tolerances for nuisance parameters `found` (a,); `null_runs` (w, D) products with simulated runs."""
+def tolerance_use(columns: CandidateColumns, known: PartialRegression, null_runs: Array) -> ToleranceUse:
+    """The tolerances that the residual needs; `null_runs` (w, D) products with simulated runs."""
     layout, linearisation = columns.sums.layout, columns.linearisation
-    drawn = known.inverse @ null_runs[known.nuisance]
+    found, drawn = known.gain[:, layout.right], known.inverse @ null_runs[known.nuisance]
     sizes: dict[str, float] = {}
-    squares, null = 0.0, np.zeros(drawn.shape[1])
+    names: dict[int, str] = {}
     for position, place in enumerate(map(int, known.nuisance)):
         if place not in columns.sigma:
             continue
@@ -191,7 +213,27 @@ def tolerance_use(columns: CandidateColumns, known: PartialRegression, null_runs
             removed = linearisation.latencies.get(entry, 0.0) / linearisation.latency_tolerances[entry]
             sizes[name] = size + removed
             continue
-        squares += size**2
-        null += (drawn[position] / columns.sigma[place]) ** 2
-        sizes[name] = size
-    return ToleranceUse(sizes, squares, null)
+        names[position], sizes[name] = name, size
+    counted = np.array([*names], np.intp)
+    sigma = np.array([columns.sigma[place] for place in known.nuisance[counted].tolist()])
+    squares = float(np.sum((found[counted] / sigma) ** 2))
+    use = ToleranceUse(sizes, squares, np.sum((drawn[counted] / sigma[:, None]) ** 2, axis=0))
+    if not use.tolerance_exceeded:
+        return use
+    free = [_free_entry(known, counted, sigma, i, name) for i, name in enumerate(names.values())]
+    enough = [one for one in free if not use.rejects(one.squares)]
+    return replace(use, free=sorted(enough, key=lambda one: one.squares))
+
+
+def _free_entry(
+    known: PartialRegression, counted: NDArray[np.intp], sigma: Array, i: int, name: str
+) -> FreeEntry:  # fmt: skip
+    """Entry `i` of the sheet without its prior, of those at positions `counted` with tolerances `sigma`."""
+    at = counted[i]
+    column, weight = known.inverse[:, at], float(known.prior[at, at])
+    # The normal matrix loses one number of its diagonal (Sherman and Morrison).
+    without_mean = known.gain[:, known.sums.layout.right] - known.prior_side[at] * column
+    remaining = 1.0 - weight * float(column[at])
+    estimates = (without_mean + column * (weight * without_mean[at] / remaining))[counted] / sigma
+    spread = float(np.sqrt(max(0.0, float(column[at]) / remaining))) / float(sigma[i])
+    return FreeEntry(name, float(estimates[i]), spread, float(np.sum(np.delete(estimates, i) ** 2)))

@@ -15,6 +15,7 @@ from lacet.identify.selection.chow_test import ParameterConstancy
 from lacet.identify.selection.diagnosis import Diagnosis, Grounds
 from lacet.identify.selection.laws.formulas import Formula, Law
 from lacet.identify.selection.settings import SELECTION
+from lacet.identify.selection.tolerance_tests import ToleranceUse
 from lacet.services.render import tables
 from lacet.services.render.effect_text import needed, not_measured
 from lacet.services.render.intervals import with_interval
@@ -434,8 +435,21 @@ def _tolerance_exceeded(grounds: Grounds) -> str:
     return (
         f"The model fits these runs only if the sensor sheet is wrong (in tolerances: {_off(use.sizes)}). "
         f"The squares of all but latencies sum to {use.squares:.0f}, in simulated runs that lack nothing to "
-        f"{np.mean(use.null):.0f} and never above {np.max(use.null):.0f}. {either}, or the cause is not listed."
+        f"{np.mean(use.null):.0f} and never above {np.max(use.null):.0f}.{_free_entries(use)} {either}, or the "
+        "cause is not listed."
     )
+
+
+def _free_entries(use: ToleranceUse) -> str:
+    """The entries of the sheet of which one alone would have to be wrong; empty where several would."""
+    shown = [
+        f"{one.name} by {with_interval(one.size, SELECTION.interval_quantile * one.spread, '+')} tolerances (the "
+        f"squares of the others then sum to {one.squares:.0f})"
+        for one in use.free[: SELECTION.most_reported]
+    ]
+    if not shown:
+        return ""
+    return f" If one entry alone is wrong it is {' or '.join(shown)}: look at this first."
 
 
 def _not_constant(d: Diagnosis, key: str, runs: ParameterConstancy) -> str:

@@ -110,6 +110,7 @@ def test_a_sheet_that_is_wrong_in_many_places_is_no_fault_of_one(floor: NoiseFlo
     assert found.best is None
     assert "only if the sensor sheet is wrong" in says(found)
     assert "gain of wheel." in says(found)
+    assert "one entry alone" not in says(found)
     assert "None" not in says(found)
     assert not any(word in says(found) for word in ("the scale", "what is assumed"))
 
@@ -137,27 +138,49 @@ def test_where_no_row_fails_laws_are_sought_in_the_rows_that_tolerances_hide(
     assert propose(ScoreTests.of(Linearisation.of(many_off, floor), TRIED, 0), []) == []
 
 
-@pytest.mark.parametrize("key", ["spring_cubic.front", "sensor_gain.hub.fl"])
-def test_beside_a_candidate_it_is_what_all_unknowns_together_make_of_it(space: ScoreTests, found: object, key: str):
-    """Normal equations with the candidate's columns among them; a fault's own tolerance is not."""
-    del found  # all are tried
-    known, one, right = space.regression, space.best_tests[key], space.layout.right
-    own = one.without_tolerance.own if one.without_tolerance else np.zeros(0, int)
-    kept = np.setdiff1d(np.arange(len(known.nuisance)), own)
-    places = np.concatenate([known.nuisance[kept], np.r_[one.trial.place]])
-    normal = known.total[np.ix_(places, places)].copy()
-    normal[: len(kept), : len(kept)] += known.prior[np.ix_(kept, kept)]
-    solved = np.linalg.solve(normal, known.total[places, right])
-    said = space.tolerance_use(key)
-    expected: list[float] = []
-    for position, place in enumerate(known.nuisance.tolist()):
-        if place >= space.layout.model:
-            at = np.flatnonzero(kept == position)
-            expected.append(float(solved[at[0]]) / space.columns.sigma[place] if at.size else 0.0)
+def test_tolerances_are_what_all_unknowns_together_make_of_them(space: ScoreTests):
+    """Normal equations with all of the sheet among the unknowns."""
+    known, right = space.regression, space.layout.right
+    normal = known.total[np.ix_(known.nuisance, known.nuisance)] + known.prior
+    solved = np.linalg.solve(normal, known.total[known.nuisance, right])
+    said = space.tolerance_use()
+    expected = [
+        float(size) / space.columns.sigma[place]
+        for place, size in zip(known.nuisance.tolist(), solved, strict=True)
+        if place >= space.layout.model
+    ]
     np.testing.assert_allclose(list(said.sizes.values()), expected, rtol=1e-5, atol=1e-7)
     latency_tolerances = [size for name, size in said.sizes.items() if name.startswith("latency")]
     assert latency_tolerances
     assert said.squares == pytest.approx(np.sum(np.square(expected)) - np.sum(np.square(latency_tolerances)))
+
+
+def test_one_gain_far_off_is_told_as_the_entry_that_alone_would_do(fitted: Fit, floor: NoiseFloor):
+    """One of a wheel's three forces reads too much: no fault of the catalogue, and one line of the sheet."""
+    wrong = with_scales(fitted, {"rr": (0.0, 0.0, 15.0)})
+    space = ScoreTests.of(Linearisation.of(wrong, floor), TRIED[:1], 0)
+    known, said = space.regression, space.tolerance_use()
+    assert said.tolerance_exceeded
+    first = said.free[0]
+    assert first.name == "gain of wheel.rr.force.z"
+    assert abs(first.size - 15.0) < 2.0 * first.spread
+    # Its values are those of all unknowns together, without the prior of this one.
+    position = [*said.sizes].index(first.name) + space.layout.model
+    prior = known.prior.copy()
+    prior[position, position] = 0.0
+    inverse = np.linalg.inv(known.total[np.ix_(known.nuisance, known.nuisance)] + prior)
+    sigma = space.columns.sigma[int(known.nuisance[position])]
+    solved = inverse @ known.total[known.nuisance, space.layout.right]
+    assert first.size == pytest.approx(solved[position] / sigma, rel=1e-5)
+    assert first.spread == pytest.approx(np.sqrt(inverse[position, position]) / sigma, rel=1e-5)
+    others = [i for i, name in enumerate(said.sizes) if not name.startswith("latency") and name != first.name]
+    sizes = solved[space.layout.model :] / [
+        space.columns.sigma[p] for p in known.nuisance[space.layout.model :].tolist()
+    ]
+    assert first.squares == pytest.approx(np.sum(sizes[others] ** 2), rel=1e-5)
+    assert [one.squares for one in said.free] == sorted(one.squares for one in said.free)
+    text = says(diagnose(wrong, floor, TRIED[:1], noise=space.noise))
+    assert "If one entry alone is wrong it is gain of wheel.rr.force.z by +" in text
 
 
 def test_simulated_runs_are_treated_as_the_runs_are(space: ScoreTests, monkeypatch: pytest.MonkeyPatch):
