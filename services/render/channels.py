@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from lacet.daq.channels import COLUMNS
 from lacet.identify.validation.channels.recorded_faults import RecordedFault
-from lacet.identify.validation.channels.recorded_values import Copies, StandsStill
+from lacet.identify.validation.channels.recorded_values import Copies, StandStill
 from lacet.identify.validation.channels.single_faults import (
     ColumnFault,
     EquationFault,
@@ -21,10 +21,17 @@ from lacet.services.render.intervals import with_interval
 def sentence(found: RecordedFault) -> str:
     """A fault that the recorded values of a channel show, in one line."""
     match found:
-        case StandsStill(column, value, start, stop):
+        case StandStill(values, start, stop) if len(values) == 1:
+            ((column, value),) = values.items()
             return (
                 f"{column} stands still at {value:.6g} from {start:.2f} to {stop:.2f} s while others of its kind move: "
                 "the instrument or its wire is dead. Leave the channel, or these seconds, out"
+            )
+        case StandStill(values, start, stop):
+            each = ", ".join(f"{column} ({value:.6g})" for column, value in values.items())
+            return (
+                f"{len(values)} columns stand still together from {start:.2f} to {stop:.2f} s while others of their "
+                f"kind move: {each}. What reads them, or its wire, was dead. Leave the channels, or these seconds, out"
             )
         case Copies((first, *others)):
             one = len(others) == 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from lacet.daq.run import Run
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.validation.channels.recorded_values import Copies, StandsStill, columns_at_rest, copied_columns
+from lacet.identify.validation.channels.recorded_values import Copies, StandStill, columns_at_rest, copied_columns
 from lacet.identify.validation.channels.sizes import (
     LeansAlike,
     NegativeDistance,
@@ -18,7 +18,7 @@ from lacet.identify.validation.channels.sizes import (
     unmirrored_camber,
 )
 
-RecordedFault = StandsStill | Copies | TooQuiet | OtherSize | NegativeDistance | SteersAgainst | LeansAlike
+RecordedFault = StandStill | Copies | TooQuiet | OtherSize | NegativeDistance | SteersAgainst | LeansAlike
 """A fault that a channel's values show, alone or beside others of their kind."""
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,11 +40,11 @@ _KIN: Mapping[str, Sequence[str]] = {
 
 
 @dataclass(frozen=True)
-class StandsStill:
-    """A column of the exchange table that is `value` [SI] from `start` to `stop` [s], while others of its kind move."""
+class StandStill:
+    """Columns of the exchange table that have one value each [SI] from `start` to `stop` [s], while others of their
+    kind move; several where they stop and go on together."""
 
-    column: str
-    value: float
+    values: Mapping[str, float]
     start: float
     stop: float
 
@@ -56,13 +56,15 @@ class Copies:
     columns: tuple[str, ...]
 
 
-def columns_at_rest(run: Run, rig: Rig) -> list[StandsStill]:
+def columns_at_rest(run: Run, rig: Rig) -> list[StandStill]:
     """Columns with a stretch of equal values that is no chance, in which others of their kind move.
+
+    Those whose stretches begin and end within one sample of each other are told together: one logger or wire.
 
     A stretch of m equal values among n is chance where n p^m is not small, p the part of equal neighbours in the rest
     of the column: a coarse or a held value repeats itself all the time. Optional channels (brakes) may rest.
     """
-    found: list[StandsStill] = []
+    found: list[StandStill] = []
     for name, signal in run.signals.items():
         channel = CHANNELS[name]
         if channel.optional or np.count_nonzero(signal.usable) < _LEAST:
@@ -71,7 +73,14 @@ def columns_at_rest(run: Run, rig: Rig) -> list[StandsStill]:
         for column, series in zip(channel.columns, values.T, strict=True):
             first, last = _longest(series)
             if not _by_chance(series, first, last) and _others_move(run, rig, channel, column, t[first], t[last]):
-                found.append(StandsStill(column, float(series[first]), float(t[first]), float(t[last])))
+                step = float(np.median(np.diff(t)))
+                start, stop, value = float(t[first]), float(t[last]), float(series[first])
+                for i, one in enumerate(found):
+                    if max(abs(one.start - start), abs(one.stop - stop)) <= step:
+                        found[i] = replace(one, values={**one.values, column: value})
+                        break
+                else:
+                    found.append(StandStill({column: value}, start, stop))
     return found
 
 

@@ -24,7 +24,7 @@ EVERY = [column for column, (channel, _) in COLUMNS.items() if not channel.optio
 def test_a_column_that_stands_still_all_the_time_is_told_with_its_seconds(column: str, value: float) -> None:
     run = piece()
     (found,) = columns_at_rest(with_column(run, column, value), RIG)
-    assert (found.column, found.value) == (column, value)
+    assert found.values == {column: value}
     t = run.signals[COLUMNS[column][0].name].t
     assert (found.start, found.stop) == (t[0], t[-1])
 
@@ -36,9 +36,26 @@ def test_a_column_that_stops_is_told_from_then_on() -> None:
     dead = t > 11.0
     values[dead] = values[~dead][-1]
     (found,) = columns_at_rest(with_column(run, column, values), RIG)
-    assert found.column == column
+    assert [*found.values] == [column]
     assert found.start == pytest.approx(11.0, abs=0.01)
     assert found.stop == t[-1]
+
+
+def test_columns_that_stop_together_are_told_together(tmp_path: Path) -> None:
+    """A logger that hangs for two seconds, and one laser that is dead longer."""
+    run = piece()
+    hung = ["imu.accel.x", "imu.rate.z", "wheel.fl.force.x", "laser.fl.hub"]
+    for column in [*hung, "laser.rr.hub"]:
+        t, values = run.signals[COLUMNS[column][0].name].t, series_of(run, column).copy()
+        still = (t >= 8.0) & (t <= (10.0 if column in hung else 12.0))
+        values[still] = values[still][0]
+        run = with_column(run, column, values)
+    found = sorted(columns_at_rest(run, RIG), key=lambda one: one.stop)
+    assert [sorted(one.values) for one in found] == [sorted(hung), ["laser.rr.hub"]]
+    said = load([written(run, tmp_path / "run.parquet")], CAR / "rig.toml", CAR / "vehicle.toml").warnings
+    (together,) = (line for line in said if "stand still together" in line)
+    assert "4 columns stand still together from 8.00 to 10.00 s" in together
+    assert all(column in together for column in hung)
 
 
 def test_a_value_held_over_several_rows_is_no_rest() -> None:
