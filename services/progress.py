@@ -71,6 +71,7 @@ class Stretch:
     subject : the step's subject, where the stage is for several of them ("used", "held out"); empty for any.
     likely : part of its time that is planned for: below 1 for a stage that only some jobs go through.
     within : stages that are reported in between, within its time.
+    once : whether its parts are counted once in it; where counting begins anew, that is no longer this stretch.
     """
 
     stage: AnyStage
@@ -78,6 +79,7 @@ class Stretch:
     subject: str = ""
     likely: float = 1.0
     within: frozenset[AnyStage] = frozenset()
+    once: bool = False
 
     @property
     def name(self) -> str:

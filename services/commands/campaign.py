@@ -166,7 +166,7 @@ def _place_of_imports(args: argparse.Namespace, places: Sequence[str]) -> Abstra
 
 def _plan(passes: Sequence[tuple[str, float]], runs: int) -> ServiceStep:
     """The step that says which passes are ahead; of a search for missing effects one more fit and ranking at a time."""
-    return planned(Stretch(ServiceStage.CAMPAIGN_PASS, runs * usual, what) for what, usual in passes)
+    return planned(Stretch(ServiceStage.CAMPAIGN_PASS, runs * usual, what, once=True) for what, usual in passes)
 
 
 def _listed(file: Path | None) -> list[str]:

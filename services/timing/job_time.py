@@ -193,7 +193,7 @@ class JobTime:
             # Counting that begins anew belongs to the next stretch of this stage, where there is one.
             if place == self._at and step.total and step.done < one.done:
                 anew = [k for k in range(place + 1, len(self._plan)) if self._plan[k].stretch == one.stretch]
-                return anew[0] if anew else place
+                return anew[0] if anew else None if one.stretch.once else place
             return place
         return None
 

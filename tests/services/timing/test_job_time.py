@@ -160,6 +160,23 @@ def test_no_time_left_is_shown_while_a_search_goes_on_beyond_its_plan():
     assert left[2] is None, "thirty seconds of forty were not planned"
 
 
+def test_a_pass_over_the_runs_that_begins_once_more_was_not_planned():
+    """A search of a campaign makes its last pass again as often as it finds something."""
+    clock = Clock()
+    time = JobTime(clock)
+    stage = ServiceStage.CAMPAIGN_PASS
+    time.step(planned([Stretch(stage, 10.0, "products", once=True), Stretch(stage, 10.0, "tests", once=True)]))
+    overdue: list[bool] = []
+    for subject in ("products", "tests", "tests", "tests"):
+        for run in range(10):
+            time.step(ServiceStep(stage, run, 10, subject))
+            clock.now += 1.0
+        estimate = time.estimate()
+        assert estimate is not None
+        overdue.append(estimate.overdue)
+    assert overdue == [False, False, True, True]
+
+
 def test_a_plan_goes_on_where_a_search_does():
     """A second round of a search is not planned, but what follows its first stage is known."""
     clock = Clock()
