@@ -138,7 +138,7 @@ def _file(path: Path, map: Path | None = None) -> tuple[int, dict[str, Any]]:
         f"{run_.name}: {run_.duration:.1f} s, vehicle {run_.vehicle or '?'}, manoeuvre {run_.manoeuvre or '?'}, ",
         end="",
     )
-    print(f"wheel loads {run_.wheel_reference or '?'}, brakes {run_.brakes}")
+    print(f"wheel loads {run_.wheel_reference or 'as the rig says'}, brakes {run_.brakes}")
     print(channels_text(run_.signals))
     reference = run_.wheel_reference or "contact"
     absent = {row: lacking(row, reference, run_.signals) for row in ROWS}

@@ -175,7 +175,7 @@ def short_reason(c: Candidate) -> str:
         case Reason.FEW_BLOCKS:
             return "acts in too few seconds"
         case Reason.SMALL:
-            return f"hidden by {c.absorbed[0][0]}" if c.absorbed else "too small to stand out"
+            return f"hidden by {_absorbing(c)[0][0]}" if c.absorbed else "too small to stand out"
         case _:
             return "what it follows is mostly noise"
 
@@ -202,13 +202,18 @@ def _untestable(c: Candidate) -> str:
                 f"(at least {SELECTION.least_coverage:g} needed)"
             )
         case Reason.SMALL:
-            by = ", ".join(f"{key} {100 * share:.0f} %" for key, share in c.absorbed[: SELECTION.most_absorbing])
+            by = ", ".join(f"{name} {100 * share:.0f} %" for name, share in _absorbing(c)[: SELECTION.most_absorbing])
             return (
                 f"even at its largest plausible size it would stand out by only {c.size:.1f} times its noise "
                 f"(at least {SELECTION.least_size:g} needed){f', most of it absorbed by {by}' if by else ''}"
             )
         case _:
             return f"{100 * c.noise_part:.0f} % of what it would follow is noise of the sensors"
+
+
+def _absorbing(c: Candidate) -> list[tuple[str, float]]:
+    """What absorbs a candidate, largest share first: a sensor fault's own entry of the sheet has its key."""
+    return [("its own tolerance" if name == c.key else name, share) for name, share in c.absorbed]
 
 
 def _takes(c: Candidate) -> str:
