@@ -51,15 +51,20 @@ def test_files_are_replaced_and_deleted_after_a_question(
         assert "# mended" in (folder / "rig.toml").read_text(encoding="utf-8")
 
 
+def _open_map(watch: Watch, log: Path) -> None:
+    """Drop a foreign log, and open its channel map."""
+    watch.go("runs")
+    watch.drop("drop-zone", log)
+    watch.expect(watch.at("run-row-lap")).to_contain_text("cannot be read", timeout=LONG)
+    watch.at("map-of-lap").click()
+    watch.expect(watch.at("map-says")).to_contain_text("Makes", timeout=LONG)
+
+
 def test_a_channel_map_is_made_on_the_page(browser: Any, tmp_path: Path) -> None:
     foreign_log(tmp_path / "lap.csv")
     with serving(tmp_path / "study", tmp_path) as bench, opening(browser, bench.address) as opened:
         watch = opened(1440, 900)
-        watch.go("runs")
-        watch.drop("drop-zone", tmp_path / "lap.csv")
-        watch.expect(watch.at("run-row-lap")).to_contain_text("cannot be read", timeout=LONG)
-        watch.at("map-of-lap").click()
-        watch.expect(watch.at("map-says")).to_contain_text("Makes", timeout=LONG)
+        _open_map(watch, tmp_path / "lap.csv")
         for axis, name in zip("xyz", ("LongAcc", "LatAcc", "VertAcc"), strict=True):
             column = f"imu.accel.{axis}"
             if not watch.at(f"map-{column}").count():
@@ -84,6 +89,7 @@ def test_a_channel_map_is_made_on_the_page(browser: Any, tmp_path: Path) -> None
         watch.expect(watch.at("map-imu.accel.y-delay")).to_have_value("12 ms")
         watch.picture("channel-map-delay")
         _left_by_escape(watch)
+        _left_by_its_button(watch)
 
 
 def _left_by_escape(watch: Watch) -> None:
@@ -99,20 +105,29 @@ def _left_by_escape(watch: Watch) -> None:
     watch.at("map-imu.accel.y-delay").fill("13 ms")
     press("Escape")
     press("Escape")
-    watch.expect(watch.at("map-says")).to_contain_text("Esc again closes it without them")
+    watch.expect(watch.at("map-says")).to_contain_text("once more closes it without them")
     press("Escape")
     watch.expect(panel).to_be_hidden()
+
+
+def _left_by_its_button(watch: Watch) -> None:
+    """Close does as Escape does."""
+    panel = watch.page.locator("section.detail")
+    watch.at("map-of-lap").click()
+    watch.at("map-imu.accel.y-delay").fill("13 ms")
+    watch.at("map-close").click()
+    watch.expect(watch.at("map-says")).to_contain_text("once more closes it without them")
+    watch.expect(panel).to_be_visible()
+    watch.at("map-close").click()
+    watch.expect(panel).to_be_hidden()
+    watch.expect(watch.at("map-of-lap")).to_be_focused()
 
 
 def test_all_proposals_of_a_map_are_taken_at_once(browser: Any, tmp_path: Path) -> None:
     foreign_log(tmp_path / "lap.csv")
     with serving(tmp_path / "study", tmp_path) as bench, opening(browser, bench.address) as opened:
         watch = opened(1440, 900)
-        watch.go("runs")
-        watch.drop("drop-zone", tmp_path / "lap.csv")
-        watch.expect(watch.at("run-row-lap")).to_contain_text("cannot be read", timeout=LONG)
-        watch.at("map-of-lap").click()
-        watch.expect(watch.at("map-says")).to_contain_text("Makes", timeout=LONG)
+        _open_map(watch, tmp_path / "lap.csv")
         found = watch.page.evaluate("fetch('api/runs/lap/map').then((a) => a.json())")
         doubtful = [c for c, p in found["proposals"].items() if p["probability"] < found["accepted"]]
         assert doubtful

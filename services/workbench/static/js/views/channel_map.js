@@ -16,10 +16,11 @@ const MORE = {
  * @param {object} app
  * @param {string} name of the run
  * @param {() => void} done after the map was stored
+ * @param {() => void} close when the panel is to be closed
  * @returns {Promise<{changed: () => boolean, warn: () => void} | null>} whether there is something to lose, and says so;
  *   null where the log cannot be read
  */
-export async function showMap(root, app, name, done) {
+export async function showMap(root, app, name, done, close) {
   const path = `api/runs/${encodeURIComponent(name)}/map`;
   root.replaceChildren(h("h2", { text: `Channel map of ${name}` }), h("p", { class: "waiting", text: "Reading the log's names …" }));
   let found = null;
@@ -40,6 +41,7 @@ export async function showMap(root, app, name, done) {
     onclick: () => takeAll() });
   const body = h("tbody");
   const keep = h("button", { type: "button", class: "primary", "data-testid": "map-keep", disabled: true, text: "Keep the map", onclick: () => void store() });
+  const shut = h("button", { type: "button", class: "quiet", "data-testid": "map-close", text: "Close", onclick: () => close() });
   const add = h("select", { "aria-label": "add a channel", "data-testid": "map-add", onchange: () => {
     const proposal = found.proposals[add.value];
     if (proposal?.unit) units[proposal.name] = proposal.unit;
@@ -49,7 +51,12 @@ export async function showMap(root, app, name, done) {
   } });
 
   const entries = () => Object.fromEntries([...lines].map(([column, { entry }]) => [column, entry()]).filter(([, one]) => one.from));
-  const check = debounce(() => void ask(false), 350);
+  const later = debounce(() => void ask(false), 350);
+  let warned = false; // what the user is asked stays until the next change
+  const check = () => {
+    warned = false;
+    later();
+  };
 
   async function ask(store) {
     const mine = ++turn;
@@ -65,7 +72,7 @@ export async function showMap(root, app, name, done) {
           : `✓ ${short(one.low)} to ${short(one.high)} ${about.get(column)?.unit ?? ""}`;
       }
       keep.disabled = !answer.makes_run || Object.values(answer.columns).some((one) => one.fault);
-      says.textContent = [answer.makes_run ? `Makes a run of ${short(answer.seconds)} s.` : "Makes no run yet.", ...answer.notes].join(" ");
+      if (!warned) says.textContent = [answer.makes_run ? `Makes a run of ${short(answer.seconds)} s.` : "Makes no run yet.", ...answer.notes].join(" ");
       return answer;
     } catch (cause) {
       if (mine === turn) says.textContent = cause.message;
@@ -173,13 +180,14 @@ export async function showMap(root, app, name, done) {
       h("div", { class: "scroll map-side" }, h("table", null, head("In the log", "Unit", "Range", "Rate"), sources)),
       h("div", { class: "scroll map-side" }, h("table", { class: "map-table" }, head("Channel", "Unit", "Is", "Guess", "Check", ""), body), h("div", { class: "bar" }, add, all))),
     found.kept.length ? h("p", { class: "muted", text: `Kept as they are in the file: ${found.kept.join(", ")}.` }) : null,
-    h("div", { class: "bar" }, says, h("span", { class: "end" }, keep)),
+    h("div", { class: "bar" }, says, h("span", { class: "end" }, shut, keep)),
   ].filter(Boolean));
   void ask(false);
   const now = () => JSON.stringify([entries(), units]);
   const begun = now();
   const warn = () => {
-    says.textContent = "The map has changes that are not kept: Esc again closes it without them.";
+    warned = true;
+    says.textContent = "The map has changes that are not kept: Esc or Close once more closes it without them.";
   };
   return { changed: () => now() !== begun, warn };
 }

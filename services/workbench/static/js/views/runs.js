@@ -320,16 +320,22 @@ export async function show(root, app) {
     const found = await showMap(detail, app, name, () => {
       detail.hidden = true;
       void read();
-    });
+    }, shut);
     if (open === null) map = found;
     detail.scrollIntoView({ block: "nearest" });
   }
 
-  /** Escape closes what is shown of a run; a map with changes at the second press. In a field it leaves the field alone (keys.js). */
+  /** Escape closes what is shown of a run. In a field it leaves the field alone (keys.js). */
   function escape(event) {
     if (event.key !== "Escape") warned = false;
     if (event.key !== "Escape" || event.defaultPrevented || detail.hidden || document.querySelector("dialog[open]")) return;
     if (event.target.matches?.("input, select, textarea")) return;
+    shut();
+  }
+  document.addEventListener("keydown", escape);
+
+  /** Closes what is shown of a run; a map with changes when asked twice. */
+  function shut() {
     if (open === null && map?.changed() && !warned) {
       warned = true;
       map.warn();
@@ -341,7 +347,6 @@ export async function show(root, app) {
     draw();
     root.querySelector(`[data-testid="${back}"]`)?.focus();
   }
-  document.addEventListener("keydown", escape);
 
   /** Sends files, several at a time; `as` : in place of the file of that name. */
   async function take(list, as = null) {
