@@ -38,6 +38,8 @@ class JointEffect(ABC):
     """Values tried of its constant that is not linear [SI]."""
     passive: ClassVar[bool] = False
     """Whether its parameters cannot be negative: it stores or dissipates energy."""
+    largest: ClassVar[float] = float("inf")
+    """Largest absolute value that its parameters can have [SI]."""
 
     @property
     def directions(self) -> dict[int, float]:
@@ -215,9 +217,13 @@ class JointSpring(JointEffect):
 
 
 class EncoderOffset(JointEffect):
-    """An encoder whose zero is off: the joint stands at q + QO [rad]. It acts through the bodies' torques alone."""
+    """An encoder whose zero is off: the joint stands at q + QO [rad]. It acts through the bodies' torques alone.
+
+    It is named up to half a radian: beyond that the torques' change is no longer in proportion, and one sees it.
+    """
 
     family, letters = "encoder_offset", ("QO",)
+    largest = 0.5
 
     def columns(self, s: Array, rate: Array, acceleration: Array, load: Array) -> NDArray[np.float64]:
         """Nothing: the fit has the torques' change with the joint's position in its place."""

@@ -8,8 +8,8 @@ draws is compared with the largest of all candidates' (max-score statistic, West
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -19,6 +19,7 @@ from lacet.identify.chains.constants import Columns, half_of_constant, searched
 from lacet.identify.chains.effects import ACROSS, EVERY, EncoderOffset, JointEffect, JointOffset
 from lacet.identify.chains.fit import ChainFit
 from lacet.identify.chains.model import ChainModel
+from lacet.identify.chains.rest import FoundLaw, rest_of
 from lacet.identify.chains.samples import JointSamples
 from lacet.identify.chains.scores import JointScore
 from lacet.identify.multibody.vectors import Array
@@ -41,8 +42,10 @@ class JointAnswer(Enum):
 
     MISSING = "missing"
     STANDS_IN = "stands in"
+    UNDECIDED = "undecided"
+    """Significant, and it explains no more than what remains unlisted at its joints: it may be part of that cause."""
     SMALL = "smaller than laws are exact"
-    IMPLAUSIBLE = "implausible sign"
+    IMPLAUSIBLE = "implausible size"
     NOT_NEEDED = "not needed"
     NOT_TESTABLE = "not testable"
 
@@ -77,11 +80,17 @@ class JointCandidate:
 class ChainRanking:
     """Laws tried on a fitted chain: those missing in the order found, then the others by what they explain alone.
 
-    `blocks` : number of blocks of the record that chance was drawn over.
+    Attributes
+    ----------
+    candidates : the laws.
+    blocks : number of blocks of the record that chance was drawn over.
+    unlisted : joint → error ÷ noise floor with the laws found missing in the model, where more remains than noise,
+        inexact laws and the user's effect size.
     """
 
     candidates: tuple[JointCandidate, ...]
     blocks: int
+    unlisted: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @property
     def untested(self) -> bool:
@@ -140,7 +149,9 @@ def rank_chain(
     instant = np.nonzero(used)[0]
     given = np.sqrt(np.count_nonzero(used, axis=0) / fitted.freedom)[joint]  # what the fit takes off the residual
     bases = [model]
+    recorded = residual
     found: list[JointCandidate] = []
+    laws: dict[str, FoundLaw] = {}
     alone: dict[str, JointCandidate] = {}
     while blocks >= _FEW and len(found) < SELECTION.most_selected:
 
@@ -166,26 +177,40 @@ def rank_chain(
             break
         best = max(passing, key=lambda one: one.gain)
         found.append(best)
-        columns = beside(best.effect)
+        columns, own = beside(best.effect), beside(best.effect, [model])
         assert columns is not None
+        assert own is not None
+        laws[best.effect.key] = FoundLaw(own, whole(best.effect))
         basis = _orthonormal(columns)
         bases.append(basis)
         residual = residual - basis @ (basis.T @ residual)
         reduced = [(trial, _reduced(trial.columns, basis)) for trial in trials if trial.effect.key != best.effect.key]
         trials = [replace(trial, columns=columns) for trial, columns in reduced if columns is not None]
-    names = {one.effect.key for one in found}
+    small = SELECTION.effect_size**2 * _variation_squares(scores, scale, used)
+    beside_laws = rest_of(laws, recorded, joint, rows.noise, rows.inexact, small)
+    unlisted = {
+        one.joint: float(ratio)
+        for one, ratio, remains in zip(scores, beside_laws.ratios, beside_laws.unlisted, strict=True)
+        if remains
+    }
+    named = [one for one in found if one.effect.key in beside_laws.standing]
+    passed = {one.effect.key for one in found}
     rest: list[JointCandidate] = []
     for effect in effects:
-        if effect.key in names:
+        if effect.key in beside_laws.standing:
             continue
         one = alone.get(effect.key)
         if one is None or effect.key not in tested:
             rest.append(JointCandidate(effect, 0.0, float("nan"), (), JointAnswer.NOT_TESTABLE))
             continue
-        answer = JointAnswer.STANDS_IN if one.answer is JointAnswer.MISSING else one.answer
+        answer = one.answer
+        if effect.key in passed or (answer is JointAnswer.MISSING and not named):
+            answer = JointAnswer.UNDECIDED
+        elif answer is JointAnswer.MISSING:
+            answer = JointAnswer.STANDS_IN
         rest.append(replace(one, answer=answer))
     rest.sort(key=lambda one: -one.gain)
-    return ChainRanking((*found, *rest), blocks)
+    return ChainRanking((*named, *rest), blocks, unlisted)
 
 
 def _trials(
@@ -272,6 +297,12 @@ def _noise_squares(scores: Sequence[JointScore], scale: Array, used: NDArray[np.
     return np.sum(np.where(used, scale**2, 0.0), axis=0) * floors**2
 
 
+def _variation_squares(scores: Sequence[JointScore], scale: Array, used: NDArray[np.bool_]) -> Array:
+    """(f,) weighted squares of each joint's measured torque about its mean."""
+    variations = np.nan_to_num(np.array([one.variation for one in scores]))
+    return np.sum(np.where(used, scale**2, 0.0), axis=0) * variations**2
+
+
 def _tested(trials: Sequence[_Trial], residual: Array, rows: _Rows) -> list[JointCandidate]:
     """Every candidate with its score, family-wise p and gain; of one with several constants the best."""
     rng = np.random.default_rng(17)
@@ -312,7 +343,7 @@ def _answered(trial: _Trial, beta: Array, p: float, residual: Array, rows: _Rows
     if p <= SELECTION.level(_DRAWS) and gain >= SELECTION.least_gain:
         large = enough or (gain > _MOST and _exceeds(trial.whole @ beta, rows))
         answer = JointAnswer.MISSING if large else JointAnswer.SMALL
-        if trial.effect.passive and np.any(beta < 0.0):
+        if (trial.effect.passive and np.any(beta < 0.0)) or np.any(np.abs(beta) > trial.effect.largest):
             answer = JointAnswer.IMPLAUSIBLE
     return JointCandidate(trial.effect, 100.0 * gain, p, tuple(float(b) for b in beta), answer)
 

@@ -47,6 +47,8 @@ def _without_doubts(ranking: ChainRanking, scores: Sequence[JointScore]) -> Chai
         return ChainVerdict.MISSING
     if ranking.untested:
         return ChainVerdict.UNTESTED
+    if ranking.unlisted:
+        return ChainVerdict.UNLISTED
     failing = failing_joints(scores)
     if not failing:
         return ChainVerdict.NOTHING

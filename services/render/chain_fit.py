@@ -89,8 +89,22 @@ def law_text(one: JointCandidate) -> str:
 
 
 def _missing(ranking: ChainRanking) -> str:
-    """The laws found missing, in the order found."""
-    return ", ".join(law_text(one) for one in ranking.candidates if one.answer is JointAnswer.MISSING)
+    """The laws found missing, in the order found, and what remains beside them."""
+    said = [f"missing: {_laws(ranking, JointAnswer.MISSING)}"]
+    if ranking.unlisted:
+        rest = ", ".join(_ratio(joint, ratio) for joint, ratio in ranking.unlisted.items())
+        said += [_sentences([one]) for one in (f"beside them something not listed remains at {rest}", *_parts(ranking))]
+    return ". ".join(said)
+
+
+def _parts(ranking: ChainRanking) -> list[str]:
+    """Laws that explain no more than what remains unlisted, in a sentence."""
+    laws = _laws(ranking, JointAnswer.UNDECIDED)
+    return [f"{laws} explain less than what remains, and may be parts of the same cause: not named"] if laws else []
+
+
+def _laws(ranking: ChainRanking, answer: JointAnswer) -> str:
+    return ", ".join(law_text(one) for one in ranking.candidates if one.answer is answer)
 
 
 def fit_head(fitted: ChainFit, cutoff: float, doubts: Doubts) -> str:
@@ -148,11 +162,11 @@ def ranking_head(ranking: ChainRanking, scores: Sequence[JointScore], doubts: Do
     verdict = verdict_of(ranking, scores, doubts)
     if verdict is ChainVerdict.UNSOUND:
         reasons = _doubts(doubts) or ["the equations are too few (a longer record, or a higher cut-off, has more)"]
-        laws = _missing(ranking)
+        laws = _laws(ranking, JointAnswer.MISSING)
         then = [f"then rank again: {laws} may only stand in for that"] if laws else []
         return "no law is named, as the fit is unsound. " + _sentences([*reasons, *then])
     if verdict is ChainVerdict.MISSING:
-        return "missing: " + _missing(ranking)
+        return _missing(ranking)
     if verdict is ChainVerdict.UNTESTED:
         return f"nothing was tested: {ranking.blocks} blocks of motion are too few"
     count, failing = len(ranking.candidates), failing_joints(scores)
@@ -161,9 +175,10 @@ def ranking_head(ranking: ChainRanking, scores: Sequence[JointScore], doubts: Do
         said = (
             f"the model fails at {_ratios(large)}, and the cause is not among the {count} laws tried: not listed. Plot "
             "what remains there (fitted.residual) over position, rate and time: it may be friction of another shape, a "
-            "torque that changes with position, a load that was changed on the way, or an instrument"
+            "torque that changes with position, a load that was changed on the way, or an instrument. Or it is what is "
+            "given: the direction of gravity, units and signs of positions and torques, the gears' ratios"
         )
-        return ". ".join([said, *(_sentences([one]) for one in [*_alike(ranking), *_doubts(doubts)])])
+        return ". ".join([said, *(_sentences([one]) for one in [*_parts(ranking), *_alike(ranking), *_doubts(doubts)])])
     if verdict is ChainVerdict.SMALL:
         share = f"{100.0 * SELECTION.effect_size:g} %"
         said = (
@@ -194,4 +209,8 @@ def _alike(ranking: ChainRanking) -> list[str]:
 
 def _ratios(scores: Sequence[JointScore]) -> str:
     """Joints and their errors in noise floors."""
-    return ", ".join(f"{one.joint} (error {one.ratio:.2g} times its noise floor)" for one in scores)
+    return ", ".join(_ratio(one.joint, one.ratio) for one in scores)
+
+
+def _ratio(joint: str, ratio: float) -> str:
+    return f"{joint} (error {ratio:.2g} times its noise floor)"
