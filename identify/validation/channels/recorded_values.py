@@ -59,7 +59,7 @@ class Copies:
 def columns_at_rest(run: Run, rig: Rig) -> list[StandStill]:
     """Columns with a stretch of equal values that is no chance, in which others of their kind move.
 
-    Those whose stretches begin and end within one sample of each other are told together: one logger or wire.
+    Those whose stretches begin and end within one sample of each other are one entry: a logger, or one wire.
 
     A stretch of m equal values among n is chance where n p^m is not small, p the part of equal neighbours in the rest
     of the column: a coarse or a held value repeats itself all the time. Optional channels (brakes) may rest.
