@@ -77,7 +77,7 @@ def _fitted(
 ) -> tuple[Array, dict[str, Array]]:
     """(f,) squares of the residual with these laws, and (f,) squares of each law's torque about its mean."""
     if not laws:
-        return np.bincount(joint, residual**2, joints), {}
+        return _squares(residual, joint, joints), {}
     columns = np.concatenate([law.columns for law in laws.values()], axis=1)
     sizes = np.asarray(np.linalg.lstsq(columns, residual, rcond=None)[0], float)
     count = np.maximum(1, np.bincount(joint, minlength=joints))
@@ -86,6 +86,10 @@ def _fitted(
     for key, law in laws.items():
         torque = law.whole @ sizes[first : first + law.whole.shape[1]]
         torque = torque - (np.bincount(joint, torque, joints) / count)[joint]
-        torques[key] = np.bincount(joint, torque**2, joints)
+        torques[key] = _squares(torque, joint, joints)
         first += law.whole.shape[1]
-    return np.bincount(joint, (residual - columns @ sizes) ** 2, joints), torques
+    return _squares(residual - columns @ sizes, joint, joints), torques
+
+
+def _squares(values: Array, joint: NDArray[np.intp], joints: int) -> Array:
+    return np.asarray(np.bincount(joint, values**2, joints), float)

@@ -203,13 +203,22 @@ def exchanged(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
 
 
 def _in_place_of(joint: Joint, law: AddedLaw) -> list[Alternative]:
-    """The candidate that explains most in a law's place, if more than the law, most of which it explains as well."""
+    """The candidate that explains most in a law's place, if more than the law, most of which it explains as well.
+
+    One with fewer parameters may explain less, by what each of the law's further ones would explain by chance.
+    """
     allowed = SELECTION.exchanged_share * law.force
     return [
         one
         for one in alternatives(joint.space, law)
-        if one.margin < -SELECTION.least_refinement_fall and one.law_beside <= allowed
+        if one.margin < _needed_margin(law, one) and one.law_beside <= allowed
     ][:1]
+
+
+def _needed_margin(law: AddedLaw, rival: Alternative) -> float:
+    """Margin of a law below which a rival takes its place [weighted squares]."""
+    further = len(law.values) - len(rival.effect.parameters)
+    return SELECTION.least_refinement_fall * (further if further > 0 else -1)
 
 
 def without_denied_faults(
