@@ -15,6 +15,7 @@ from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.linearisation import sheet_products
 from lacet.identify.selection.joint.alternatives import Alternative, alternatives
+from lacet.identify.selection.joint.free_constants import least_gain
 from lacet.identify.selection.joint.other_constants import OtherLaws, with_other_constants
 from lacet.identify.selection.joint.refits import (
     Joint,
@@ -203,22 +204,17 @@ def exchanged(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
 
 
 def _in_place_of(joint: Joint, law: AddedLaw) -> list[Alternative]:
-    """The candidate that explains most in a law's place, if more than the law, most of which it explains as well.
+    """The candidate that explains most in a law's place, if enough more than it, most of which it explains as well.
 
-    One with fewer parameters may explain less, by what each of the law's further ones would explain by chance.
+    One with fewer sizes and constants may explain a little less (`least_gain`).
     """
     allowed = SELECTION.exchanged_share * law.force
+    effect = next(one for one in joint.effects if one.key == law.key)
     return [
         one
         for one in alternatives(joint.space, law)
-        if one.margin < _needed_margin(law, one) and one.law_beside <= allowed
+        if one.margin < -least_gain(one.effect, effect) and one.law_beside <= allowed
     ][:1]
-
-
-def _needed_margin(law: AddedLaw, rival: Alternative) -> float:
-    """Margin of a law below which a rival takes its place [weighted squares]."""
-    further = len(law.values) - len(rival.effect.parameters)
-    return SELECTION.least_refinement_fall * (further if further > 0 else -1)
 
 
 def without_denied_faults(

@@ -281,6 +281,20 @@ def test_gain_with_a_law_in_the_place_of_one_is_that_of_the_set(space: ScoreTest
         assert bool([key for _, key in free.in_place_of_one([SPRING.key]) if key == HELPER.key]) is there
 
 
+@pytest.mark.parametrize(("rival", "margin", "exchanged"), [
+    (SPRING, 0.7, True), (SPRING, 4.1, False), (STOP, -0.7, False), (STOP, -4.1, True), (HELPER_AT_10, -0.7, False),
+])  # fmt: skip
+def test_a_rival_with_fewer_sizes_takes_the_place_of_a_law_that_explains_hardly_more(
+    space: ScoreTests, monkeypatch: pytest.MonkeyPatch, rival: Effect, margin: float, exchanged: bool
+):
+    """A helper spring has a size and a gap, a spring a size, a stop an exponent as well."""
+    joint = begun(space, [HELPER_AT_10, BAR])
+    law = next(law for law in joint.laws if law.key == HELPER.key)
+    other = Alternative(rival, margin, 1.0, 0.0, 0.0)
+    monkeypatch.setattr(rounds, "alternatives", lambda space, law: [other])
+    assert rounds._in_place_of(joint, law) == ([other] if exchanged else [])
+
+
 def test_a_law_with_fewer_constants_need_not_explain_more():
     """A stop has a size, a gap and an exponent, a helper spring a size and a gap, a spring a size."""
     assert least_gain(SPRING, HELPER) == least_gain(HELPER, STOP) < 0.0
