@@ -231,6 +231,39 @@ class EncoderOffset(JointEffect):
 
 
 @dataclass(frozen=True)
+class BaseInclination(JointEffect):
+    """A base that leans: gravity has a part GX, GY or GZ [m/s²] along one more axis of the ground frame, of which the
+    whole keeps its size. The part ÷ gravity is the tangent of the inclination.
+
+    It is named up to a quarter of gravity, 14°: one sees more.
+
+    Attributes
+    ----------
+    axis : of the ground frame, 0, 1 or 2.
+    """
+
+    along: int | Mapping[int, float] = field(default_factory=dict[int, float])
+    axis: int = 0
+
+    family, letters = "inclination", ("G",)
+    largest = 2.5
+
+    @property
+    def where(self) -> str:
+        """The axis: ``x``, ``y`` or ``z``."""
+        return "xyz"[self.axis]
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """``GX``, ``GY`` or ``GZ``."""
+        return (f"G{self.where.upper()}",)
+
+    def columns(self, s: Array, rate: Array, acceleration: Array, load: Array) -> NDArray[np.float64]:
+        """Nothing: the fit has the bodies' torques under that gravity in its place."""
+        return np.zeros((s.size, 1))
+
+
+@dataclass(frozen=True)
 class ExternalForce:
     """A force and a moment that act on a body and are measured, or known.
 
@@ -258,3 +291,5 @@ EVERY: tuple[type[JointEffect], ...] = (
 """Laws that a ranking tries at every joint. Asymmetric Coulomb friction is Coulomb friction with an offset."""
 ACROSS: tuple[type[JointEffect], ...] = (RotorInertia, ViscousFriction, CoulombFriction)
 """Laws that a ranking tries of a motor that turns with two neighbouring joints."""
+OF_BODIES: tuple[type[JointEffect], ...] = (EncoderOffset, BaseInclination)
+"""What is known otherwise of the bodies than their parameters: it acts through their torques alone."""

@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.errors import UsageError
-from lacet.identify.chains.effects import STANDARD, EncoderOffset, JointEffect, LoadFriction, MotorGain
+from lacet.identify.chains.effects import (
+    OF_BODIES,
+    STANDARD,
+    BaseInclination,
+    EncoderOffset,
+    JointEffect,
+    LoadFriction,
+    MotorGain,
+)
 from lacet.identify.chains.samples import JointSamples
 from lacet.identify.multibody.base_parameters import BaseParameters, find_base
 from lacet.identify.multibody.chain import Chain
@@ -92,7 +100,7 @@ class ChainModel:
     def base(self) -> BaseParameters:
         """Grouping of the parameters that torques hold only together; those a chain's file says it has not are absent.
 
-        Encoder offsets are not grouped: their columns depend on the parameters.
+        Encoder offsets and an inclination are not grouped: their columns depend on the parameters.
         """
         joined, units = self._random_columns()
         base = find_base(joined, self.names)
@@ -105,9 +113,11 @@ class ChainModel:
 
         The states are random in units of the chain's own size and of the time in which a fall of that size ends. The
         bodies, gravity, laws and joints that follow others are those of the chain itself: what a parameter is grouped
-        with follows from the torques alone, whatever its unit holds of length and time.
+        with follows from the torques alone, whatever its unit holds of length and time. A base that may lean does:
+        gravity then acts on first moments that it does not act on as it is given.
         """
-        chain, n = self.chain, self.chain.n
+        some = np.full(len(self.names), 0.1 * float(np.linalg.norm(self.chain.gravity)))
+        chain, n = self.inclined(some), self.chain.n
         free = chain.coupling.free
         scaled = ScaledChain(chain, np.arange(10 * n), 0)
         length, time = scaled.size, scaled.fall_time
@@ -121,8 +131,8 @@ class ChainModel:
         load = rng.uniform(0.5, 2.0, shape)
         parts = [W]
         for effect in self.effects:
-            offset = isinstance(effect, EncoderOffset)
-            parts.append(rng.normal(size=(*shape, 1)) if offset else effect_columns(chain, effect, qf, load))
+            dependent = isinstance(effect, OF_BODIES)
+            parts.append(rng.normal(size=(*shape, 1)) if dependent else effect_columns(chain, effect, qf, load))
         # Torques ÷ (length² ÷ time²), forces ÷ (length ÷ time²): every row of the size of the others.
         rows = np.concatenate(parts, axis=2) * (step / (length / time) ** 2)[None, :, None]
         joined = rows.reshape(-1, len(self.names))
@@ -136,11 +146,11 @@ class ChainModel:
 
         `standard` : (p,) present values, for what depends on them: loads, and the change with an encoder's zero.
         """
-        chain, coupling = self.chain, self.chain.coupling
+        chain, coupling = self.inclined(standard), self.chain.coupling
         full = coupling.states(samples.q, samples.qd, samples.qdd)
         W = coupling.rows(chain.regressor(full[0], full[1], full[2]))
         bodies = np.zeros(10 * chain.n) if standard is None else standard[: 10 * chain.n]
-        return np.concatenate([W, *self._laws(samples, full, bodies, W @ bodies)], axis=2)
+        return np.concatenate([W, *self._laws(samples, full, bodies, W @ bodies, chain)], axis=2)
 
     def law_columns(self, samples: JointSamples, standard: Array) -> Array:
         """(N, f, …) the same of the laws alone."""
@@ -148,43 +158,71 @@ class ChainModel:
         full = self.chain.coupling.states(samples.q, samples.qd, samples.qdd)
         load = np.zeros_like(samples.q)
         if any(isinstance(effect, _LOADED) for effect in self.effects):
-            load = self.chain.coupling.torques(self.chain.inverse_dynamics(full[0], full[1], full[2], bodies))
-        return np.concatenate(self._laws(samples, full, bodies, load), axis=2)
+            torques = self.inclined(standard).inverse_dynamics(full[0], full[1], full[2], bodies)
+            load = self.chain.coupling.torques(torques)
+        return np.concatenate(self._laws(samples, full, bodies, load, self.inclined(standard)), axis=2)
 
     def _laws(
-        self, samples: JointSamples, full: tuple[NDArray[np.float64], ...], bodies: Array, load: Array
+        self, samples: JointSamples, full: tuple[NDArray[np.float64], ...], bodies: Array, load: Array, chain: Chain
     ) -> list[Array]:
-        chain, states = self.chain, (samples.q, samples.qd, samples.qdd)
+        states = samples.q, samples.qd, samples.qdd
         parts: list[Array] = []
         for effect in self.effects:
             if isinstance(effect, EncoderOffset):
-                parts.append(self._turned(full, bodies, effect))
+                parts.append(self._turned(full, bodies, effect, chain))
+            elif isinstance(effect, BaseInclination):
+                parts.append(self._under(full, bodies, effect, chain))
             else:
                 parts.append(effect_columns(chain, effect, states, load, samples))
         return parts
 
-    def _turned(self, full: tuple[NDArray[np.float64], ...], bodies: Array, effect: EncoderOffset) -> Array:
+    def _under(
+        self, full: tuple[NDArray[np.float64], ...], bodies: Array, effect: BaseInclination, chain: Chain
+    ) -> Array:
+        """(N, f, 1) change of the bodies' torques, which are linear in gravity, with its part along the axis."""
+        vertical = int(np.argmax(np.abs(self.chain.gravity)))
+        along = chain.gravity / np.linalg.norm(chain.gravity)
+        turned = np.eye(3)[effect.axis] - along[effect.axis] * along
+        change = chain.gravity[vertical] / self.chain.gravity[vertical] * turned
+        still = np.zeros_like(full[0])
+        torques = self.chain.with_gravity(change.tolist()).inverse_dynamics(full[0], still, still, bodies)
+        return self.chain.coupling.torques(torques)[:, :, None]
+
+    def _turned(
+        self, full: tuple[NDArray[np.float64], ...], bodies: Array, effect: EncoderOffset, chain: Chain
+    ) -> Array:
         j = next(iter(effect.directions))
-        step = np.zeros(self.chain.n)
+        step = np.zeros(chain.n)
         step[j - 1] = _TURN
-        more, less = (self.chain.inverse_dynamics(full[0] + s * step, full[1], full[2], bodies) for s in (1, -1))
+        more, less = (chain.inverse_dynamics(full[0] + s * step, full[1], full[2], bodies) for s in (1, -1))
         change = self.chain.coupling.torques(more - less)
         if np.max(np.abs(change)) <= _NO_CHANGE * np.max(np.abs(more)):
             change = np.zeros_like(change)  # an axis along gravity, with nothing before it: only rounding is there
         return change[:, :, None] / (2.0 * _TURN)
 
     @property
-    def offset_places(self) -> list[int]:
-        """Columns of encoder offsets."""
-        return [self.place[effect.key].start for effect in self.effects if isinstance(effect, EncoderOffset)]
+    def places_of_bodies(self) -> list[int]:
+        """Columns of encoder offsets and of an inclination."""
+        return [self.place[effect.key].start for effect in self.effects if isinstance(effect, OF_BODIES)]
+
+    def inclined(self, standard: Array | None) -> Chain:
+        """The chain under gravity as it is by the inclination found, of present values (p,)."""
+        leaning = [effect for effect in self.effects if isinstance(effect, BaseInclination)]
+        if standard is None or not leaning:
+            return self.chain
+        gravity = self.chain.gravity.copy()
+        for effect in leaning:
+            gravity[effect.axis] += standard[self.place[effect.key]][0]
+        gravity *= np.linalg.norm(self.chain.gravity) / np.linalg.norm(gravity)  # its direction alone changes
+        return self.chain.with_gravity(gravity.tolist())
 
     def about(self, W: Array, y: Array, standard: Array) -> tuple[Array, Array]:
         """Equations (m, f, p) and right sides (m, f) about present values (p,), whose products with others are linear.
 
-        Encoder offsets that are known are in the positions: the equations give what is added to them. A motor's gain
-        scales the bodies' columns of its joint.
+        Encoder offsets and an inclination that are known are in positions and gravity: the equations give what is added
+        to them. A motor's gain scales the bodies' columns of its joint.
         """
-        columns, right = W.copy(), y + W[:, :, self.offset_places] @ standard[self.offset_places]
+        columns, right = W.copy(), y + W[:, :, self.places_of_bodies] @ standard[self.places_of_bodies]
         for effect in self.effects:
             if isinstance(effect, MotorGain):
                 at = self.chain.coupling.free.index(next(iter(effect.directions)))
@@ -196,11 +234,11 @@ class ChainModel:
     @property
     def iterates(self) -> bool:
         """Whether columns depend on parameters, so that the fit is repeated."""
-        return any(isinstance(effect, (EncoderOffset, *_LOADED)) for effect in self.effects)
+        return any(isinstance(effect, (*OF_BODIES, *_LOADED)) for effect in self.effects)
 
     def shifted(self, samples: JointSamples, standard: Array | None) -> JointSamples:
         """The samples with the joints where they stand by the encoder offsets found."""
-        if standard is None or not self.offset_places:
+        if standard is None or not any(isinstance(effect, EncoderOffset) for effect in self.effects):
             return samples
         q = samples.q.copy()
         for effect in self.effects:
@@ -214,10 +252,11 @@ class ChainModel:
         samples = self.shifted(samples, standard)
         bodies = standard[: 10 * self.chain.n]
         full = self.chain.coupling.states(samples.q, samples.qd, samples.qdd)
-        load = self.chain.coupling.torques(self.chain.inverse_dynamics(full[0], full[1], full[2], bodies))
+        torques = self.inclined(standard).inverse_dynamics(full[0], full[1], full[2], bodies)
+        load = self.chain.coupling.torques(torques)
         out = load + samples.external_torques(self.chain)
         for effect in self.effects:
-            if not isinstance(effect, EncoderOffset):
+            if not isinstance(effect, OF_BODIES):
                 states = samples.q, samples.qd, samples.qdd
                 columns = effect_columns(self.chain, effect, states, load, samples)
                 out += columns @ standard[self.place[effect.key]]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.identify.chains.constants import Columns, half_of_constant, searched
-from lacet.identify.chains.effects import ACROSS, EVERY, EncoderOffset, JointEffect, JointOffset
+from lacet.identify.chains.effects import ACROSS, EVERY, OF_BODIES, BaseInclination, JointEffect, JointOffset
 from lacet.identify.chains.fit import ChainFit
 from lacet.identify.chains.model import ChainModel
 from lacet.identify.chains.rest import FoundLaw, rest_of
@@ -104,13 +104,17 @@ class ChainRanking:
 
 
 def candidates_of(model: ChainModel) -> tuple[JointEffect, ...]:
-    """Laws that a model lacks: each at every free joint, and of motors that turn with two neighbouring joints."""
+    """Laws that a model lacks: each at every free joint, of motors that turn with two neighbouring joints, and a base
+    that leans about the two axes of the ground frame that are nearest to horizontal.
+    """
     chain = model.chain
     have = {effect.key for effect in model.effects}
     pairs = [(j, chain.joints[j - 1].ant) for j in chain.coupling.free]
     ways = [{i: 1.0, j: sign} for j, i in pairs if i in chain.coupling.free for sign in (1.0, -1.0)]
     every = [law(j) for law in EVERY for j in chain.coupling.free]
     every += [law(way) for law in ACROSS for way in ways]
+    vertical = int(np.argmax(np.abs(chain.gravity)))
+    every += [BaseInclination(axis=axis) for axis in range(3) if axis != vertical and np.any(chain.gravity)]
     return tuple(effect for effect in every if effect.key not in have)
 
 
@@ -228,7 +232,7 @@ def _trials(
 
 
 def _columns(fitted: ChainFit, samples: JointSamples, effect: JointEffect, scale: Array) -> Array:
-    """(r, k) weighted columns of a law: a model of the chain with it alone has the memory of a fit's."""
+    """(r, k) weighted columns of a law, of its parameters first: a model with it alone has the memory of a fit's."""
     chain = fitted.model.chain
     alone = ChainModel(chain, (*_known_offsets(fitted), effect))
     standard = np.zeros(len(alone.names))
@@ -236,11 +240,17 @@ def _columns(fitted: ChainFit, samples: JointSamples, effect: JointEffect, scale
     for known in _known_offsets(fitted):
         standard[alone.place[known.key]] = fitted.standard[fitted.model.place[known.key]]
     columns = alone.law_equations(samples, standard, alone.place[effect.key])
+    if isinstance(effect, BaseInclination):
+        # First moments that gravity did not act on were not determined: they are unknowns beside the inclination.
+        before = {*fitted.base.independent.tolist(), *range(10 * chain.n, len(alone.names))}
+        further = [k for k in alone.base.independent.tolist() if k not in before]
+        standard[alone.place[effect.key]] = 1.0
+        columns = np.concatenate([columns, alone.equations(samples, standard)[0][:, :, further]], axis=2)
     return (columns * scale[:, :, None])[fitted.used]
 
 
 def _known_offsets(fitted: ChainFit) -> tuple[JointEffect, ...]:
-    return tuple(effect for effect in fitted.model.effects if isinstance(effect, EncoderOffset))
+    return tuple(effect for effect in fitted.model.effects if isinstance(effect, OF_BODIES))
 
 
 def _reduced(columns: Array, basis: Array) -> Array | None:
@@ -284,7 +294,7 @@ def _law_squares(fitted: ChainFit, scale: Array) -> Array:
 
     Offsets are not among them: a constant has no shape that could be inexact.
     """
-    laws = [effect for effect in fitted.model.effects if not isinstance(effect, JointOffset | EncoderOffset)]
+    laws = [effect for effect in fitted.model.effects if not isinstance(effect, (JointOffset, *OF_BODIES))]
     names = {name for effect in laws for name in effect.parameters}
     ours = [i for i, k in enumerate(fitted.base.independent) if fitted.base.names[int(k)] in names]
     torque = fitted.W[:, :, ours] @ fitted.x[ours]
@@ -339,13 +349,14 @@ def _tested(trials: Sequence[_Trial], residual: Array, rows: _Rows) -> list[Join
 def _answered(trial: _Trial, beta: Array, p: float, residual: Array, rows: _Rows) -> JointCandidate:
     """The candidate with sizes `beta` and probability `p`, and what follows."""
     gain, enough = _gain(trial.columns, residual, rows)
+    sizes = beta[: len(trial.effect.letters)]
     answer = JointAnswer.NOT_NEEDED
     if p <= SELECTION.level(_DRAWS) and gain >= SELECTION.least_gain:
         large = enough or (gain > _MOST and _exceeds(trial.whole @ beta, rows))
         answer = JointAnswer.MISSING if large else JointAnswer.SMALL
-        if (trial.effect.passive and np.any(beta < 0.0)) or np.any(np.abs(beta) > trial.effect.largest):
+        if (trial.effect.passive and np.any(sizes < 0.0)) or np.any(np.abs(sizes) > trial.effect.largest):
             answer = JointAnswer.IMPLAUSIBLE
-    return JointCandidate(trial.effect, 100.0 * gain, p, tuple(float(b) for b in beta), answer)
+    return JointCandidate(trial.effect, 100.0 * gain, p, tuple(float(x) for x in sizes), answer)
 
 
 def _refined(

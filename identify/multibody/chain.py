@@ -226,6 +226,13 @@ class Chain:
             self.followers,
         )  # fmt: skip
 
+    def with_gravity(self, gravity: Sequence[float]) -> Chain:
+        """The same chain under another acceleration of gravity, in the ground frame [m/s²]."""
+        return Chain(
+            self.joints, gravity, self.absent, self.rotors, self.table, self.values, self.given, self.notes,
+            self.names, self.followers,
+        )  # fmt: skip
+
     @property
     def n(self) -> int:
         """Number of joints (bodies), fixed frames included."""

@@ -20,7 +20,7 @@ from lacet.services.render.intervals import half_width, to_interval
 _UNITS = {
     "IA": ("kg·m²", "kg"), "FV": ("N·m·s/rad", "N·s/m"), "FVA": ("N·m·s/rad", "N·s/m"), "FS": ("N·m", "N"),
     "FSP": ("N·m", "N"), "FSN": ("N·m", "N"), "FB": ("N·m", "N"), "FL": ("", ""), "OFF": ("N·m", "N"),
-    "K": ("N·m/rad", "N/m"), "QO": ("rad", "m"), "GM": ("", ""),
+    "K": ("N·m/rad", "N/m"), "QO": ("rad", "m"), "GM": ("", ""), "G": ("m/s²", "m/s²"),
 }  # fmt: skip
 PARAMETER_HEAD = ("parameter", "value", "± 95 %", "unit", "grouping")
 SCORE_HEAD = ("joint", "error ÷ floor", "RMS", "explained %", "held out: error ÷ floor", "RMS")
@@ -32,8 +32,8 @@ def unit_of(fitted: ChainFit, name: str) -> str:
     for effect in fitted.model.effects:
         if name in effect.parameters:
             letters = effect.letters[effect.parameters.index(name)]
-            sliding = fitted.model.chain.joints[next(iter(effect.directions)) - 1].sigma == 1
-            return _UNITS[letters][sliding]
+            joint = next(iter(effect.directions), None)
+            return _UNITS[letters][joint is not None and fitted.model.chain.joints[joint - 1].sigma == 1]
     return UNITS[PARAMETERS.index(name.rstrip("0123456789"))]
 
 

@@ -8,8 +8,8 @@ import pytest
 from lacet.identify.chains import effects as laws
 from lacet.identify.chains.constants import half_of_constant, searched
 from lacet.identify.chains.effects import JointEffect, StribeckFriction
-from lacet.identify.chains.model import standard_effects
-from lacet.identify.chains.ranking import JointAnswer, JointCandidate
+from lacet.identify.chains.model import ChainModel, standard_effects
+from lacet.identify.chains.ranking import JointAnswer, JointCandidate, candidates_of
 from lacet.identify.multibody.chain import Chain
 from lacet.services.library.chains import IdentifiedChain, RankedLaws, identify_chain
 from tests.identify.chains.arms import ARM, NOISE, RATE, VALUES, exact, states
@@ -86,6 +86,34 @@ def test_an_encoder_that_is_a_little_off_is_named():
     ranking = plain.rank()
     assert [effect.key for effect in ranking.missing] == ["encoder_offset.3"]
     assert plain.with_effects(*ranking.missing).value("QO3") == pytest.approx(-np.radians(0.3), rel=0.2)
+
+
+def test_a_base_that_leans_is_named_with_the_first_moments_that_gravity_then_acts_on():
+    """By 3.4° about y: joint 1 is no longer vertical, and its body's first moments are in the torques."""
+    q, qd, qdd = states(4, 30.0)
+    values = {name: value for name, value in VALUES.items() if not name.startswith("OFF")}
+    angle = 0.06
+    leaning = ARM.with_gravity([9.80665 * np.sin(angle), 0.0, -9.80665 * np.cos(angle)])
+    rng = np.random.default_rng([4, 8])
+    tau = leaning.inverse_dynamics(q, qd, qdd, values) + QUIET * NOISE * rng.standard_normal(q.shape)
+    plain = identify_chain(ARM, q + 1e-6 * rng.standard_normal(q.shape), tau, rate=RATE, cutoff=4.0)
+    assert "MX1" not in repr(plain)
+    ranking = plain.rank()
+    assert [effect.key for effect in ranking.missing] == ["inclination.x"]
+    better = plain.with_effects(*ranking.missing)
+    low, high = better.interval("GX")
+    assert low < 9.80665 * np.tan(angle) < high
+    assert high - low < 0.02
+    assert better.rank().verdict == "nothing missing"
+    assert "m/s²" in str(better)
+    low, high = better.interval("MX1")
+    assert low < VALUES["MX1"] < high
+
+
+@pytest.mark.parametrize(("gravity", "axes"), [((0, 0, -9.81), "xy"), ((0, -9.8, 0.4), "xz"), ((0, 0, 0), "")])
+def test_a_base_leans_along_the_axes_across_gravity(gravity: tuple[float, float, float], axes: str):
+    tried = candidates_of(ChainModel.of(ARM.with_gravity(gravity)))
+    assert [law.key for law in tried if law.family == "inclination"] == [f"inclination.{axis}" for axis in axes]
 
 
 def test_a_motor_whose_readings_are_scaled_is_named():
