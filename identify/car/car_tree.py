@@ -122,10 +122,10 @@ def kinematics(corner: Corner, travel: Array, other: float = 1.0) -> KinematicSl
     low, high = corner.table.travel[0], corner.table.travel[-1]
     inside = np.clip(travel, low, high)
     signs = table_signs(corner)
-    slope = spline.at(inside, 1)
+    value, slope, curvature = spline.course(inside)
     beyond = np.where((travel < low) | (travel > high), 0.0, 1.0)
-    change = spline.at(inside) + slope * (travel - inside)
-    return KinematicSlopes(signs * change, signs * slope, signs * spline.at(inside, 2) * beyond)
+    change = value + slope * (travel - inside)
+    return KinematicSlopes(signs * change, signs * slope, signs * curvature * beyond)
 
 
 def table_signs(corner: Corner) -> Array:
@@ -149,9 +149,8 @@ def kingpin_pitch(corner: Corner, steer: Array) -> tuple[Array, Array, Array]:
     if corner.caster == 0.0 and corner.kingpin_inclination == 0.0:
         zero = np.zeros_like(steer)
         return zero, zero, zero
-    spline = _kingpin_spline(corner.caster, corner.side * corner.kingpin_inclination)
-    turned = steer + corner.side * corner.static_toe  # toe-in steers the left wheel to the right
-    return spline.at(turned)[0], spline.at(turned, 1)[0], spline.at(turned, 2)[0]
+    # Toe-in steers the left wheel to the right.
+    return _along_kingpin(corner, 0, steer + corner.side * corner.static_toe)
 
 
 def kingpin_camber(corner: Corner, steer: Array) -> tuple[Array, Array, Array]:
@@ -162,9 +161,14 @@ def kingpin_camber(corner: Corner, steer: Array) -> tuple[Array, Array, Array]:
     if corner.caster == 0.0 and corner.kingpin_inclination == 0.0:
         zero = np.zeros_like(steer)
         return zero, zero, zero
-    spline = _kingpin_spline(corner.caster, corner.side * corner.kingpin_inclination)
-    turned = steer + corner.side * corner.static_toe
-    return spline.at(turned)[1], spline.at(turned, 1)[1], spline.at(turned, 2)[1]
+    return _along_kingpin(corner, 1, steer + corner.side * corner.static_toe)
+
+
+def _along_kingpin(corner: Corner, angle: int, turned: Array) -> tuple[Array, Array, Array]:
+    """Carrier pitch (`angle` 0) or camber (1), and two derivatives, where the carrier is `turned` (N,) [rad]."""
+    spline = _kingpin_spline(corner.caster, corner.side * corner.kingpin_inclination).one(angle)
+    value, slope, curvature = (part[0] for part in spline.course(turned))
+    return value, slope, curvature
 
 
 @lru_cache(maxsize=64)

@@ -39,7 +39,7 @@ def joints_under_load(
     recording: Recording, road: Road, plane: RoadPlane, moved: Collection[str]
 ) -> dict[str, WheelJoints]:
     """Joints of the `moved` corners by their tables, under the wheel loads where a bench has their compliance."""
-    vehicle, signals, n = recording.vehicle, recording.completed, road.n
+    vehicle, signals, n = recording.vehicle, road.signals, road.n
 
     def of(c: str, given: Array | None = None) -> WheelJoints:
         corner = vehicle.corners[c]

@@ -230,6 +230,9 @@ class Motion:
     _off: dict[tuple[tuple[str, ...], float, float], Motion] = field(
         default_factory=dict[tuple[tuple[str, ...], float, float], "Motion"], init=False, repr=False, compare=False
     )
+    _weights: dict[Row, dict[Row, Array | float]] = field(
+        default_factory=dict[Row, dict[Row, "Array | float"]], init=False, repr=False, compare=False
+    )
 
     def off_expectation(self, corners: tuple[str, ...], travel: float, rate: float) -> Motion:
         """The motion with travel and rate of some corners so many σ off what is expected given the record.
@@ -327,8 +330,14 @@ class Motion:
         ``pitch`` = m_y + Σ x suspension − z̄ f_x, with x, y the wheel's centre and z̄ the mean height of the contact
         patches above the body origin. A vertical force at a wheel cancels; horizontal ones remain with the small lever
         of their own patch to the mean one, and with the slopes of the bench tables. ``corner.{c}`` = suspension −
-        tyre × rise of the wheel along the road's normal per travel.
+        tyre × rise of the wheel along the road's normal per travel. Kept, as every effect asks for
+        them.
         """
+        if row not in self._weights:
+            self._weights[row] = self._weights_of(row)
+        return self._weights[row]
+
+    def _weights_of(self, row: Row) -> dict[Row, Array | float]:
         if row.kind == "corner":
             own, other = self.corners[row.place], self.corners[other_corner(row.place)]
             upward: dict[Row, Array | float] = {Row(f"tyre.{row.place}"): -own.dp_ds[2] / own.normal[2]}

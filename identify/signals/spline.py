@@ -6,6 +6,7 @@ because to import scipy.interpolate takes a third of a second, of which `lacet i
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,14 +63,27 @@ class CubicSpline:
 
     def at(self, x: Array, derivative: int = 0) -> Array:
         """(k, N) values at `x` (N,), or first or second derivatives; the last pieces are continued beyond the ends."""
+        return self._of_pieces(x, (derivative,))[0]
+
+    def course(self, x: Array) -> tuple[Array, Array, Array]:
+        """(k, N) values, first and second derivatives at `x` (N,), as `at` has them."""
+        value, slope, curvature = self._of_pieces(x, (0, 1, 2))
+        return value, slope, curvature
+
+    def one(self, k: int) -> CubicSpline:
+        """The spline through series `k` alone."""
+        return CubicSpline(self.knots, self.values[k : k + 1], self.slopes[k : k + 1])
+
+    def _of_pieces(self, x: Array, derivatives: Collection[int]) -> list[Array]:
         piece = np.clip(np.searchsorted(self.knots, x, side="right") - 1, 0, len(self.knots) - 2)
         h = np.diff(self.knots)[piece]
         u = (x - self.knots[piece]) / h
         start, first, last = self.values[:, piece], self.slopes[:, piece], self.slopes[:, piece + 1]
         rise = (self.values[:, piece + 1] - start) / h
         square, cube = 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise
-        if derivative == 0:
-            return start + h * u * (first + u * (square + u * cube))
-        if derivative == 1:
-            return first + u * (2.0 * square + 3.0 * u * cube)
-        return (2.0 * square + 6.0 * u * cube) / h
+        of = {
+            0: lambda: start + h * u * (first + u * (square + u * cube)),
+            1: lambda: first + u * (2.0 * square + 3.0 * u * cube),
+            2: lambda: (2.0 * square + 6.0 * u * cube) / h,
+        }
+        return [of[derivative]() for derivative in derivatives]

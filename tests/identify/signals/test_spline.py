@@ -26,3 +26,5 @@ def test_values_and_derivatives_are_those_of_scipy(knots: int, natural: bool, ev
         expected = theirs(x, order)
         tolerance = 1e-10 * np.max(np.abs(theirs(x)))
         np.testing.assert_allclose(ours.at(x, order), expected, rtol=0.0, atol=tolerance)
+        np.testing.assert_array_equal(ours.course(x)[order], ours.at(x, order))
+        np.testing.assert_array_equal(ours.one(1).at(x, order), ours.at(x, order)[1:2])
