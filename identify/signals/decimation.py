@@ -16,15 +16,12 @@ from functools import cache, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.signals.filters import Array, Filters, poles
+from lacet.identify.signals.filters import VANISHED, Array, Filters, poles
 
 Complex = NDArray[np.complex128]
 
 _IN_BLOCK = 12
 """Kept instants in a block: as many multiplications for a sample's own block as for all others."""
-
-_VANISHED = 1e-18
-"""Size below which a power of a pole adds nothing to a sum that begins with 1."""
 
 
 def comb(size: int, filters: Filters) -> NDArray[np.intp]:
@@ -100,7 +97,7 @@ class _Exponentials:
         own = (kept ** distance[..., None] @ both).real + direct * (distance == 0)
         past, coming = kept ** sample[::-1], kept ** (sample + 1)
         from_past, from_coming = ((both * kept ** n[:, None]).T for n in (instant + 1, instant[::-1] + 1 - step))
-        fades = math.ceil(math.log(_VANISHED) / math.log(np.max(np.abs(kept))) / step) + 1
+        fades = math.ceil(math.log(VANISHED) / math.log(np.max(np.abs(kept))) / step) + 1
         return cls(
             step, both, kept ** np.arange(len(sample) + 1)[:, None], kept ** (step * np.arange(fades))[:, None],
             np.concatenate([own, past.real, past.imag, coming.real, coming.imag], axis=1),
@@ -143,7 +140,7 @@ class _Exponentials:
         """(k, b, P) sums over all blocks so far of what each gives, decaying by p^L from block to block."""
         decay = self.powers[-1]
         out = sums.copy()
-        lags = min(sums.shape[1], 1 + math.ceil(math.log(_VANISHED) / math.log(np.max(np.abs(decay)))))
+        lags = min(sums.shape[1], 1 + math.ceil(math.log(VANISHED) / math.log(np.max(np.abs(decay)))))
         for lag in range(1, lags):
             out[:, lag:] += decay**lag * sums[:, :-lag]
         return out

@@ -76,6 +76,20 @@ def test_a_filter_works_row_by_row_and_keeps_a_straight_line() -> None:
         np.testing.assert_allclose(zero_phase(one, 6.0, RATE, 6), row, atol=1e-12)
 
 
+@pytest.mark.parametrize("n", [3000, 4001, 1500, 130])
+@pytest.mark.parametrize(("cutoff", "order"), [(20.0, 6), (6.0, 5)])
+def test_a_series_of_any_length_is_continued_turned_about_both_ends(n: int, cutoff: float, order: int) -> None:
+    """Also where n − 1 is prime, and the series is made longer before it is filtered: against Fourier's sum of it."""
+    x = np.cumsum(np.random.default_rng(n).standard_normal((2, n)), axis=1) + 50.0
+    line = x[:, :1] + (x[:, -1:] - x[:, :1]) * np.linspace(0.0, 1.0, n)
+    odd = np.concatenate([x - line, -(x - line)[:, -2:0:-1]], axis=1)
+    gain = two_pass_gain(np.fft.rfftfreq(odd.shape[1], 1.0 / RATE), cutoff, RATE, order)
+    expected = line + np.fft.irfft(np.fft.rfft(odd) * gain, odd.shape[1])[:, :n]
+    found = zero_phase(x, cutoff, RATE, order)
+    assert found.flags.c_contiguous
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.max(np.abs(x)))
+
+
 @pytest.mark.parametrize(("frequency", "error"), [(1.0, 1e-9), (6.0, 2e-6), (20.0, 5e-4)])
 def test_derivative_is_accurate_up_to_the_prefilter(frequency: float, error: float) -> None:
     """Relative error of the amplitude; and no phase shift at all."""
