@@ -367,7 +367,7 @@ def test_missing_bars_are_named(truth: dict[str, Any]) -> None:
 def test_bars_on_smooth_runs_are_one_class_with_their_sum(truth: dict[str, Any]) -> None:
     """Either bar alone would explain what both do, with the size of both: they are named as one, and fitted as two."""
     known, both = catalogue(with_mass(), "contact"), sum(expected(truth)[f"{key}.k"] for key in BARS)
-    runs = [PreparedRun.of(without_loads(name, 5.0, 20.0), with_mass(), RIG) for name in ("sine", "liftoff")]
+    runs = [PreparedRun.of(without_loads(name, 5.0, 14.0), with_mass(), RIG) for name in ("sine", "liftoff")]
     plain = fit(Model.of(base_model(with_mass(), "contact")), runs, FitOptions(draws=2))
     diagnosis = diagnose(plain, floor_of(plain, 40), [known[key] for key in (*BARS, "spring_cubic.front")])
     assert {one.key for one in diagnosis.found} == {*BARS}

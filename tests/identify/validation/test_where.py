@@ -16,7 +16,7 @@ from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.signals.filters import zero_phase_of
 from lacet.identify.signals.reconstruct import Recording, Signals
 from lacet.identify.validation.blocks import block_numbers
@@ -148,9 +148,12 @@ def test_the_total_force_is_model_and_residual(base: Fit, fitted: Fit):
 
 
 def test_rows_with_the_same_columns_are_predicted_as_one_by_one(
-    fitted: Fit, floor: NoiseFloor, clear: ClearStates, draws: Draws
+    drives: dict[str, PreparedRun], models: dict[str, Model]
 ):
     """Of a corner's rows those with other samples than the rest have columns of their own. Draws may be in pieces."""
+    fitted = fit(models["bars"], [drives["sine"], drives["liftoff"]], FitOptions(unbias=False))
+    floor, clear = floor_of(fitted, 19), ClearStates(fitted.runs)
+    draws = refitted_draws(fitted, floor)
     first, second = Row.parse("suspension.fl"), Row.parse("tyre.fl")
     run = fitted.runs[0]
     shorter = PreparedRun(run.recording, index={**run.index, second: run.index[second][5:]})

@@ -16,7 +16,6 @@ from lacet.identify.validation.channels.single_faults import Misplaced, column_f
 from lacet.identify.validation.channels.unit_position import unit_position
 from lacet.services.render.channels import from_equations
 from lacet.services.render.sensor_report import position_table
-from tests.conftest import ReferenceCar
 from tests.support.tables import CAR, piece, without
 
 RIG, VEHICLE = Rig.load(CAR / "rig.toml"), Vehicle.load(CAR / "vehicle.toml")
@@ -36,7 +35,7 @@ def moved(*by: float) -> Rig:
 
 
 def fitted(rig: Rig, names: tuple[str, ...] = ("sine", "rough", "sweep"), *gone: str) -> Fit:
-    runs = [PreparedRun.of(without(piece(name, 2.0, 22.0), *gone), VEHICLE, rig) for name in names]
+    runs = [PreparedRun.of(without(piece(name, 2.0, 14.0), *gone), VEHICLE, rig) for name in names]
     return fit(Model.of([*(e for e in KNOWN.values() if e.base), *(KNOWN[key] for key in BARS)]), runs)
 
 
@@ -45,14 +44,15 @@ def test_a_unit_128_mm_from_where_the_rig_says_is_found_where_it_is() -> None:
     assert [one.axis for one in found] == ["x", "y", "z"]
     true = RIG.sensor_of("imu.accel").position[""]  # pyright: ignore[reportOptionalMemberAccess]
     for one, x in zip(found, true, strict=True):
+        assert one.half < 0.005
         assert one.testable
         assert one.found == pytest.approx(x, abs=1.5 * one.half + 0.002)
     assert [one.agrees for one in found] == [False, False, True]
     assert "differs from the rig by -128" in position_table(found)
 
 
-def test_a_unit_where_the_rig_says_agrees(reference_car: ReferenceCar) -> None:
-    found = unit_position(reference_car.fitted)
+def test_a_unit_where_the_rig_says_agrees() -> None:
+    found = unit_position(fitted(RIG))
     assert all(one.testable and one.agrees for one in found)
     assert position_table(found).count("agrees") == 3
 
