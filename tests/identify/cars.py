@@ -179,41 +179,51 @@ _FREE: dict[str, float] = {
 """Channels of which only values enter a model without tyre damping, with the size of a change."""
 
 
-def fulfil(record: Recording, effects: Sequence[Effect], theta: Array) -> Recording:
+def fulfil(record: Recording, effects: Sequence[Effect], theta: Array, changes: Array | None = None) -> Recording:
     """The recording with loads, specific force and ground lasers moved as little as makes Y = W θ in every row.
 
     Rows are not free of each other (the chassis carries what its suspensions carry), so loads alone cannot do it.
-    Newton's method with the slopes of the first point.
+    Newton's method with the slopes of the first point. `changes` : the `smallest_changes` of the recording, where they
+    are known; laws of suspensions and tyres that are added to the model leave them as they are.
     """
-    n = record.t.size
-    values = dict(record.signals.value)
-
-    def left(changed: Mapping[str, Array]) -> Array:
-        moved = record.with_signals(replace(record.signals, value={**values, **changed}))
-        return np.stack([*residual(build_motion(moved), effects, theta).values()], axis=1)
-
-    start, free = left({}), {name: step for name, step in _FREE.items() if name in values}
-    slopes: list[Array] = []
-    for name, step in free.items():
-        for k in range(CHANNELS[name].width):
-            moved = values[name].copy()
-            moved[k] += 1e-3 * step
-            slopes.append((left({name: moved}) - start) / 1e-3)
-    A = np.stack(slopes, axis=2)
-    A_t = A.transpose(0, 2, 1)
-    inverse = A_t @ np.linalg.inv(A @ A_t)  # smallest change; rounding is mended by iterating
+    if changes is None:
+        changes = smallest_changes(record, effects, theta)
+    values, free = dict(record.signals.value), _free(record)
+    rest = start = _left(record, effects, theta, {})
     size = max(float(np.max(np.abs(start))), 100.0)  # of rows that hold already
-    rest = start
     for _ in range(40):
-        step = -np.einsum("nij,nj->ni", inverse, rest).T
+        step = -np.einsum("nij,nj->ni", changes, rest).T
         place = 0
         for name, scale in free.items():
             width = CHANNELS[name].width
             values[name] = values[name] + scale * step[place : place + width]
             place += width
-        rest = left({})
+        rest = _left(record, effects, theta, values)
         if np.max(np.abs(rest)) < 1e-13 * size:
             break
     assert np.max(np.abs(rest)) < 1e-11 * size, "some row cannot be fulfilled"
-    assert all(values[name].shape == (CHANNELS[name].width, n) for name in free)
+    assert all(values[name].shape == (CHANNELS[name].width, record.t.size) for name in free)
     return record.with_signals(replace(record.signals, value=values))
+
+
+def smallest_changes(record: Recording, effects: Sequence[Effect], theta: Array) -> Array:
+    """(N, k, r) changes of k channels, relative to `_FREE`, for a unit in each of r rows: the smallest that make it."""
+    start, slopes = _left(record, effects, theta, {}), list[Array]()
+    for name, step in _free(record).items():
+        for k in range(CHANNELS[name].width):
+            moved = record.signals.value[name].copy()
+            moved[k] += 1e-3 * step
+            slopes.append((_left(record, effects, theta, {name: moved}) - start) / 1e-3)
+    A = np.stack(slopes, axis=2)
+    A_t = A.transpose(0, 2, 1)
+    return A_t @ np.linalg.inv(A @ A_t)  # rounding is mended by iterating
+
+
+def _free(record: Recording) -> dict[str, float]:
+    return {name: step for name, step in _FREE.items() if name in record.signals.value}
+
+
+def _left(record: Recording, effects: Sequence[Effect], theta: Array, changed: Mapping[str, Array]) -> Array:
+    """(N, r) residual of the recording with some channels `changed`."""
+    moved = record.with_signals(replace(record.signals, value={**record.signals.value, **changed}))
+    return np.stack([*residual(build_motion(moved), effects, theta).values()], axis=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -52,10 +53,28 @@ def exact() -> Recording:
 
 def exact_with(hidden: Effect | None = None, *sizes: float) -> Recording:
     """The same drive of a car that is the model and an effect of this size."""
+    record, changes = _without_loads()
+    further = [] if hidden is None else [hidden]
+    return cars.fulfil(record, (*MODEL.effects, *further), np.append(theta(), sizes), changes)
+
+
+@cache
+def _without_loads() -> tuple[Recording, Array]:
+    """The drive before its loads are known, and the changes of channels that make its rows hold."""
     t = np.arange(round(SECONDS * cars.RATE)) / cars.RATE
     record = cars.recording(cars.exact_signals(cars.drive_curves(np.random.default_rng(1)), t), VEHICLE, RIG, Filters())
-    further = [] if hidden is None else [hidden]
-    return cars.fulfil(record, (*MODEL.effects, *further), np.append(theta(), sizes))
+    return record, cars.smallest_changes(record, MODEL.effects, theta())
+
+
+def exact_with_laws(hidden: Sequence[tuple[Effect, float]]) -> Recording:
+    """The same drive of a car that is the model and these laws, with their sizes."""
+    laws, sizes = zip(*hidden, strict=True)
+    return cars.fulfil(exact(), (*MODEL.effects, *laws), np.append(theta(), sizes), _changes())
+
+
+@cache
+def _changes() -> Array:
+    return cars.smallest_changes(exact(), MODEL.effects, theta())
 
 
 def driven(record: Recording, seed: int, loud: float = 1.0) -> PreparedRun:

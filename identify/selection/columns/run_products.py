@@ -98,7 +98,7 @@ class RunProducts:
         z, whole = self.zeros, self.whole
         return whole[z:, :z] @ drawn - self.eliminated[0].T @ (whole[:z, :z] @ drawn)
 
-    @property
+    @cached_property
     def noise_zeros(self) -> Array:
         """(z, D) regression of the simulated noise on the zeros."""
         z = self.zeros

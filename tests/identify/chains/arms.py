@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from lacet.identify.multibody.chain import Chain
@@ -31,6 +33,7 @@ def _values() -> dict[str, float]:
 VALUES = _values()
 
 
+@cache
 def states(seed: int, seconds: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions, rates and accelerations (N, 4): sums of sines up to 0.43 Hz, of random sizes and phases."""
     rng = np.random.default_rng([seed, 5])
@@ -41,14 +44,21 @@ def states(seed: int, seconds: float) -> tuple[np.ndarray, np.ndarray, np.ndarra
         q += size * np.sin(w * t + phase)
         qd += size * w * np.cos(w * t + phase)
         qdd -= size * w**2 * np.sin(w * t + phase)
-    return q, qd, qdd
+    return kept(q), kept(qd), kept(qdd)
 
 
+def kept(values: np.ndarray) -> np.ndarray:
+    """The array, which nobody may change: others are given the same."""
+    values.flags.writeable = False
+    return values
+
+
+@cache
 def exact(seed: int, seconds: float) -> tuple[np.ndarray, np.ndarray]:
     """Positions and torques (N, 4) without noise."""
     q, qd, qdd = states(seed, seconds)
     tau = ARM.inverse_dynamics(q, qd, qdd, {k: v for k, v in VALUES.items() if not k.startswith("OFF")})
-    return q, tau + [VALUES[f"OFF{j}"] for j in range(1, 5)]
+    return q, kept(tau + [VALUES[f"OFF{j}"] for j in range(1, 5)])
 
 
 def record(seed: int, seconds: float = 20.0, positions: float = 1e-6) -> tuple[np.ndarray, np.ndarray]:

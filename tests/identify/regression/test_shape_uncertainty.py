@@ -11,8 +11,7 @@ from lacet.identify.regression.shape_uncertainty import constant_changes
 from lacet.identify.regression.wls import Fit, FitOptions, fit, with_constant_changes
 from lacet.identify.signals.reconstruct import Recording
 from lacet.identify.validation.parameter_estimates import estimates
-from tests.identify import cars
-from tests.identify.exact_car import KNOWN, MODEL, driven, exact, fit_of, theta
+from tests.identify.exact_car import KNOWN, MODEL, driven, exact, exact_with_laws, fit_of
 
 STOP = replace(KNOWN["bump_stop.rear"], shape={"gap": 0.0065, "n": 1.6})
 SIZE = 60000.0
@@ -24,7 +23,7 @@ NAME = "bump_stop.rear.k"
 @pytest.fixture(scope="module")
 def record() -> Recording:
     """The exact drive of a car with the stop."""
-    return cars.fulfil(exact(), (*MODEL.effects, STOP), np.append(theta(), SIZE))
+    return exact_with_laws([(STOP, SIZE)])
 
 
 @pytest.fixture(scope="module")

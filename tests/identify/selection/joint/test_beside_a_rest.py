@@ -13,12 +13,10 @@ from lacet.identify.progress import Progress, silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.candidate import Answer, Reason
 from lacet.identify.selection.chow_test import ParameterConstancy
-from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.diagnose import _as_found, _concluded, _not_constant, _without_doubted, diagnose
 from lacet.identify.selection.joint.refits import (
     Joint,
     _not_standing_elsewhere,
-    beside_of,
     less_a_part,
     not_part_of_the_rest,
     with_all_tested,
@@ -32,13 +30,12 @@ from lacet.identify.selection.rest import (
     departures_on_rows,
     laws_on_rows,
 )
-from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor
 from lacet.services.render.verdicts import says, why
 from tests.identify.exact_car import KNOWN
 from tests.identify.selection.exact_ranking import DRAWS
-from tests.identify.selection.joint.three_hidden import KEYS, LAWS, STOP
+from tests.identify.selection.joint.three_hidden import KEYS, LAWS, STOP, WithFault
 
 
 def test_what_explains_no_more_than_is_unlisted_in_its_rows_is_no_name(subset: Joint):
@@ -79,13 +76,10 @@ def test_beside_a_fault_in_the_bodys_rows_all_that_remains_in_these_counts(subse
     assert known.beside(elsewhere) == pytest.approx(100.0 + 60.0 * 0.01)
 
 
-def test_a_fault_that_explains_no_more_than_is_unlisted_in_its_main_row_is_no_name(subset: Joint):
+def test_a_fault_that_explains_no_more_than_is_unlisted_in_its_main_row_is_no_name(with_fault: WithFault):
     """Judged as a law is, though it is none; the laws of other rows stay."""
-    fault, base = KNOWN["sensor_gain.hub.fl"], subset.base
-    assert base is not None
-    fitted = base.with_effects([*subset.added, fault])
-    tests = ScoreTests.of(Linearisation.of(fitted, subset.space.floor.redrawn(fitted)), [KNOWN["coulomb.rear"]], 0)
-    joint = beside_of(replace(subset, added=(*subset.added, fault), effects=(*subset.effects, fault)), tests)
+    fault = KNOWN["sensor_gain.hub.fl"]
+    _, joint = with_fault(fault.key, "coulomb.rear")
     assert fault.key not in {law.key for law in joint.laws}
     (own,) = added_faults(joint.space, {})
     row = max(own.row_force, key=lambda row: own.row_force[row])

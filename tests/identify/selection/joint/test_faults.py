@@ -20,7 +20,6 @@ from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.joint.refits import (
     Joint,
     _tests_of_some,
-    beside_of,
     fitted_with,
     not_part_of_the_rest,
     only_plausible,
@@ -36,7 +35,7 @@ from lacet.identify.validation.channels.speed_agreement import AgreeingSize
 from lacet.identify.validation.noise_floor import NoiseFloor
 from tests.identify.exact_car import KNOWN, driven, exact, fit_of
 from tests.identify.selection.exact_ranking import DRAWS
-from tests.identify.selection.joint.three_hidden import HIDDEN, KEYS, LAWS, with_all
+from tests.identify.selection.joint.three_hidden import HIDDEN, KEYS, LAWS, WithFault, with_all
 
 
 def test_a_law_stands_in_a_fit_beside_tolerances_that_the_runs_show_and_a_fault_does_not():
@@ -54,22 +53,13 @@ def test_a_law_stands_in_a_fit_beside_tolerances_that_the_runs_show_and_a_fault_
     assert [effect.key for effect in kept] == ["anti_roll_bar.front"]
 
 
-def with_fault(subset: Joint, fault: Effect, others: Sequence[Effect]) -> tuple[Fit, Joint]:
-    """A fit with a sensor fault beside what was found, and that as effects found; `others` are tested beside them."""
-    base = subset.base
-    assert base is not None
-    fitted = base.with_effects([*subset.added, fault])
-    tests = ScoreTests.of(Linearisation.of(fitted, subset.space.floor.redrawn(fitted)), others, 0)
-    return fitted, beside_of(replace(subset, added=(*subset.added, fault), effects=(*subset.effects, fault)), tests)
-
-
 @pytest.mark.parametrize(("change", "stands"), [(0.1, True), (1.0, False)])
 def test_beside_a_rest_a_fault_that_rows_of_other_kinds_want_back_is_no_name(
-    subset: Joint, monkeypatch: pytest.MonkeyPatch, change: float, stands: bool
+    subset: Joint, with_fault: WithFault, monkeypatch: pytest.MonkeyPatch, change: float, stands: bool
 ):
     """And no other fault is tried in its place; a law of the car is."""
     fault, other = KNOWN["sensor_gain.hub.fl"], "sensor_gain.hub.rr"
-    _, joint = with_fault(subset, fault, [KNOWN["coulomb.rear"]])
+    _, joint = with_fault(fault.key, "coulomb.rear")
     rest = Rest.of(joint.space, joint.laws)
     assert without_denied_faults(joint, replace(rest, unlisted=()), 0)[0] is joint
     asked: list[object] = []
@@ -99,13 +89,13 @@ def test_beside_a_rest_a_fault_that_rows_of_other_kinds_want_back_is_no_name(
     [(0.08, 0.1, 0.01, True), (0.08, 1.0, 2.0, True), (0.005, 1.0, 0.01, True), (0.08, 1.0, 0.01, False)],
 )
 def test_a_fault_that_the_speed_sensor_denies_is_no_name(
-    subset: Joint, monkeypatch: pytest.MonkeyPatch, removed: float, change: float, sigma: float, stands: bool,
-    beside_a_rest: bool,
+    subset: Joint, with_fault: WithFault, monkeypatch: pytest.MonkeyPatch, removed: float, change: float, sigma: float,
+    stands: bool, beside_a_rest: bool,
 ):  # fmt: skip
     """Within a fifth of its size, or by the chance of either, it may differ. Other faults may be tried where nothing is
     unlisted."""
     fault, other = KNOWN["sensor_gain.accel.x"], "sensor_gain.hub.rr"
-    fitted, joint = with_fault(subset, fault, [KNOWN["coulomb.rear"]])
+    fitted, joint = with_fault(fault.key, "coulomb.rear")
     joint = replace(joint, sizes={fault.key: removed}, shown=frozenset({"sensor_position.imu.x"}))
     at = fitted.model.names.index(f"{fault.key}.g")
     known = float(np.sqrt(fitted.covariance[at, at] + fitted.covariance_sheet[at, at]))
@@ -133,9 +123,11 @@ def test_a_fault_that_the_speed_sensor_denies_is_no_name(
         assert (other in found.dropped) == beside_a_rest
 
 
-def test_what_the_instruments_show_stands_whatever_rows_and_sizes_say(subset: Joint, monkeypatch: pytest.MonkeyPatch):
+def test_what_the_instruments_show_stands_whatever_rows_and_sizes_say(
+    with_fault: WithFault, monkeypatch: pytest.MonkeyPatch
+):
     fault = KNOWN["sensor_gain.hub.fl"]
-    _, joint = with_fault(subset, fault, [])
+    _, joint = with_fault(fault.key)
     joint = replace(joint, shown=frozenset({fault.key}))
     for name in ("_denied_by_rows", "_denied_by_speed"):
         monkeypatch.setattr(

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -41,7 +42,7 @@ from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals
-from lacet.identify.validation.noise_floor import floor_of
+from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.services.render import tables
 from lacet.services.render.verdict_card import verdict_card
 from lacet.services.render.verdicts import says
@@ -134,10 +135,16 @@ def test_what_stands_has_its_size_beside_the_terms() -> None:
     assert [c.key for c in hidden] == ["b.rear"]
 
 
-def diagnosed(rise: float) -> Diagnosis:
-    """The diagnosis of that car, of which the file lacks a bar, the slope of the half track and its curvature."""
+@cache
+def lacking(rise: float) -> tuple[Fit, NoiseFloor]:
+    """The fit to that car, of which the file lacks a bar and the half track's slope and curvature, and its floor."""
     one = fit(exact_car.MODEL, [PreparedRun(drive(rise, 0.0))], FitOptions(draws=2))
-    return diagnose(one, floor_of(one, 39), [BAR, SLOPE])
+    return one, floor_of(one, 39)
+
+
+def diagnosed(rise: float) -> Diagnosis:
+    """The diagnosis of that car."""
+    return diagnose(*lacking(rise), [BAR, SLOPE])
 
 
 def test_beside_what_a_table_would_explain_the_size_of_a_bar_is_open() -> None:

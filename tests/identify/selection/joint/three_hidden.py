@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from lacet.identify.effects.base import Effect
+from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.joint.refits import Joint
 from lacet.identify.signals.reconstruct import Recording
-from tests.identify import cars
-from tests.identify.exact_car import KNOWN, MODEL, exact, theta
+from tests.identify.exact_car import KNOWN, exact_with_laws
 
 KEYS = (
     "anti_roll_bar.front", "anti_roll_bar.rear", "coulomb.front", "coulomb.rear", "bump_stop.front", "bump_stop.rear",
@@ -20,9 +19,10 @@ KEYS = (
 STOP = replace(KNOWN["bump_stop.rear"], shape={"gap": 0.0065, "n": 1.6})
 HIDDEN = [(KNOWN["anti_roll_bar.front"], 6000.0), (KNOWN["damper_asymmetry.front"], -300.0)]
 LAWS = [effect for effect, _ in HIDDEN]
+WithFault = Callable[..., tuple[Fit, Joint]]
+"""Keys of a sensor fault and of others → a fit with the fault beside what was found, and the others tested on it."""
 
 
 def with_all(hidden: Sequence[tuple[Effect, float]]) -> Recording:
     """The exact drive of a car that is the model and these effects, with their sizes."""
-    laws, sizes = zip(*hidden, strict=True)
-    return cars.fulfil(exact(), (*MODEL.effects, *laws), np.append(theta(), sizes))
+    return exact_with_laws(hidden)

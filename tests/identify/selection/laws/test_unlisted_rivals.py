@@ -29,8 +29,7 @@ from lacet.identify.selection.laws.unlisted_rivals import (
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor
-from tests.identify import cars
-from tests.identify.exact_car import KNOWN, MODEL, VEHICLE, driven, exact, fit_of, theta
+from tests.identify.exact_car import KNOWN, VEHICLE, driven, exact_with_laws, fit_of
 
 GROOVE = one_line_effects("hidden = suspension.front: p * tanh(abs(travel)/s0)*rate, s0 = 10 mm", VEHICLE, "hub")[0]
 OF_LOAD = one_line_effects("hidden = suspension.front: p * load*tanh(rate/v0), v0 = 15 mm/s", VEHICLE, "hub")[0]
@@ -41,8 +40,7 @@ CANDIDATES = [STROKE, BAR, FRICTION, KNOWN["damper_stroke.front"], KNOWN["spring
 
 def car_with(*hidden: tuple[Effect, float], seed: int = 1) -> Fit:
     """The model on a run of a car with these effects."""
-    laws, sizes = zip(*hidden, strict=True)
-    return fit_of(driven(cars.fulfil(exact(), (*MODEL.effects, *laws), np.append(theta(), sizes)), seed))
+    return fit_of(driven(exact_with_laws(hidden), seed))
 
 
 def found_as(fitted: Fit, laws: Sequence[Effect], floor: NoiseFloor) -> Joint:
