@@ -12,8 +12,9 @@ from tests.support.places import HOME
 def test_the_pages_are_those_of_the_docstrings():
     """When this fails: `make reference`."""
     kept = {page.name: page.read_text(encoding="utf-8") for page in generate.HERE.glob("*.md")}
-    assert sorted(kept) == sorted(generate.pages())
-    assert [name for name, text in generate.pages().items() if kept[name] != text] == []
+    made = generate.pages()
+    assert sorted(kept) == sorted(made)
+    assert [name for name, text in made.items() if kept[name] != text] == []
 
 
 def test_every_public_class_and_function_is_in_the_glossary_or_the_reference():

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from lacet import add, base_model, compare, fit, load_runs
+from lacet import base_model, catalogue, compare, fit, load_runs
 from lacet.daq.channels import CHANNELS, STANDARD
 from lacet.daq.formats.log import LogReader
 from lacet.daq.formats.open_run import open_run
@@ -274,10 +274,10 @@ def test_a_car_on_linkages_is_identified_with_what_was_written_beside_its_runs(t
     worst = {}
     for vehicle in ("second", "bump"):
         runs = load_runs(tmp_path / "sinus.parquet", rig="peugeot-406", vehicle=tmp_path / f"{vehicle}.toml")
-        fitted = fit(base_model(runs), runs)
+        model, known = base_model(runs), catalogue(runs)
         for effect in ("anti_roll_bar.front", "anti_roll_bar.rear", "axle_damping.rear"):
-            fitted = add(fitted, effect)
-        (rows,) = compare(fitted).ratios.values()
+            model = model + known[effect]
+        (rows,) = compare(fit(model, runs)).ratios.values()
         worst[vehicle] = max(ratio for row, ratio in rows.items() if row.startswith("suspension"))
     assert worst["second"] < 1.25
     assert worst["bump"] > 1.35
