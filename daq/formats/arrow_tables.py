@@ -43,8 +43,7 @@ def read_columns(file: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, 
     try:
         if file.suffix.lower() == ".csv":
             table = _read_csv(file, problems)
-            beside = file.with_suffix(".json")
-            text = beside.read_text(encoding="utf-8") if beside.is_file() else "{}"
+            text = _beside(file)
             columns = _columns(file, table.column_names, lambda name: table[name], problems)
             del table
         else:
@@ -52,19 +51,48 @@ def read_columns(file: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, 
                 schema = source.schema_arrow
                 # One column after the other: a run of an hour is large, and the whole table would be there twice.
                 columns = _columns(file, schema.names, lambda name: source.read([name])[name], problems)
-            text = ((schema.metadata or {}).get(b"lacet") or b"{}").decode("utf-8")
+            text = _inside(schema)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
-        raise RunError(file, [f"cannot be read as a table (truncated or another kind of file?): {cause}"]) from None
+        raise _no_table(file, cause) from None
     finally:
         pa.default_memory_pool().release_unused()
     try:
-        metadata = json.loads(text)
-        if not isinstance(metadata, dict):
-            raise ValueError("not an object")
+        metadata = _parsed(text)
     except ValueError as cause:
         problems.append(f"metadata is not valid JSON and was left out: {cause}")
-        metadata = {}
     return columns, metadata, problems
+
+
+def read_metadata(file: Path) -> dict[str, Any]:
+    """The metadata of a table alone; empty where they are no JSON. Raises RunError when the file is no table."""
+    try:
+        return _parsed(_beside(file) if file.suffix.lower() == ".csv" else _inside(pq.read_schema(file)))
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
+        raise _no_table(file, cause) from None
+    except ValueError:
+        return {}
+
+
+def _beside(file: Path) -> str:
+    """Metadata of a CSV file."""
+    beside = file.with_suffix(".json")
+    return beside.read_text(encoding="utf-8") if beside.is_file() else "{}"
+
+
+def _inside(schema: pa.Schema) -> str:
+    """Metadata of a Parquet file."""
+    return ((schema.metadata or {}).get(b"lacet") or b"{}").decode("utf-8")
+
+
+def _parsed(text: str) -> dict[str, Any]:
+    found: Any = json.loads(text)
+    if not isinstance(found, dict):
+        raise ValueError("not an object")
+    return found
+
+
+def _no_table(file: Path, cause: Exception) -> RunError:
+    return RunError(file, [f"cannot be read as a table (truncated or another kind of file?): {cause}"])
 
 
 def _columns(

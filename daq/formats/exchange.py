@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,13 @@ def read_table(path: str | Path) -> Run:
     for key in ("rig", "vehicle"):
         fields[key] = _beside(file, fields[key])
     return Run(name=file.stem, signals=signals, problems=tuple(problems), marks=(), **fields)
+
+
+def metadata_of(path: Path) -> dict[str, Any]:
+    """The metadata of an exchange table, without its columns. Raises RunError when the file is no table."""
+    from lacet.daq.formats.arrow_tables import read_metadata
+
+    return read_metadata(path)
 
 
 def _beside(file: Path, named: str) -> str:

@@ -380,12 +380,14 @@ def _maybe(
 ) -> tuple[str, ...]:
     """Listed effects that cannot be tested and may be the cause: of what remains, or in place of one found.
 
-    Of what remains those that, with their plausible range as prior, explain as much of it as the best that can be
+    In place of one found: those that cannot be tested alone either, as beside it all that it does is explained. Of what
+    remains those that, with their plausible range as prior, explain as much of it as the best that can be
     tested, and those that cannot be computed on these runs and act on its rows.
     """
     space = joint.space
     closed = {c.key for c in joint.beside if not c.tested}
-    out = [key for c in found for key, _ in c.ties if key in closed]
+    never = closed & {c.key for c in joint.alone if not c.tested}
+    out = [key for c in found for key, _ in c.ties if key in never]
     if unlisted:
         most = max((c.drop for c in joint.beside if c.tested), default=0.0)
         out += [key for key in closed & space.best_tests.keys() if _fall_within_range(space, key) >= most]

@@ -7,10 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from lacet.identify.effects.catalogue import effect_classes
 from lacet.identify.validation.score import failing_rows, pooled_ratio, worst_row
 from lacet.services.render.effect_text import effect_label
 from lacet.services.render.figures.panels import Panels
 from lacet.services.render.intervals import half_width, to_interval
+from lacet.services.render.shape_constants import readable
 from lacet.services.render.study_version import Version
 from lacet.services.render.tables import Table
 
@@ -130,8 +132,15 @@ def _sizes(now: Version) -> Table:
                 lines.append([label, p["name"], p["unit"], to_interval(p["value"], half), f"± {half_width(half)}"])
         open_ = [p["name"] for p in now.result["not_identifiable"] if p["effect"] == key]
         lines += [[label, name, "", "not identified", ""] for name in open_]
-        lines += [[label, f"{key}: {name}", "SI", f"{value:.4g}", ""] for name, value in shape.items()]
+        lines += [_constant(label, key, name, value) for name, value in shape.items()]
     return Table(["effect added", "parameter", "unit", "value", "95 % with the sheet"], lines, text_columns=3)
+
+
+def _constant(label: str, key: str, name: str, value: float) -> list[str]:
+    """The line of a shape constant; of an effect of the user's own it is in SI units."""
+    family = effect_classes().get(key.partition(".")[0])
+    shown, unit = (value, "SI") if family is None else readable(family, name, value)
+    return [label, f"{key}: {name}", unit or "-", f"{shown:.4g}", ""]
 
 
 def _open(now: Version, diagnosis: Mapping[str, Any] | None) -> list[str]:

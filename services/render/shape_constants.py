@@ -17,10 +17,13 @@ def unit_of(effect: Effect | type[Effect], constant: str) -> str:
 
 def constants_text(effect: Effect, shape: Mapping[str, float]) -> list[str]:
     """Each constant with three digits and its unit (``gap 5.55 mm``)."""
-    out: list[str] = []
-    for name, value in shape.items():
-        unit = unit_of(effect, name)
-        if unit in _IN_THOUSANDTHS and abs(value) < 1.0:
-            unit, value = _IN_THOUSANDTHS[unit], 1e3 * value
-        out.append(f"{name} {value:.3g} {unit}".rstrip())
-    return out
+    read = {name: readable(effect, name, value) for name, value in shape.items()}
+    return [f"{name} {value:.3g} {unit}".rstrip() for name, (value, unit) in read.items()]
+
+
+def readable(effect: Effect | type[Effect], constant: str, value: float) -> tuple[float, str]:
+    """A constant's value [SI] in the unit in which people read it, and that unit."""
+    unit = unit_of(effect, constant)
+    if unit in _IN_THOUSANDTHS and abs(value) < 1.0:
+        return 1e3 * value, _IN_THOUSANDTHS[unit]
+    return value, unit

@@ -506,12 +506,16 @@ def _listed_as(law: Law) -> str:
 def _nothing(d: Diagnosis) -> str:
     ratios, ranked = d.grounds.ratios, [c for c in d.candidates if c.tested]
     worst = max(ratios, key=lambda row: ratios[row])
-    least = min((c.p for c in ranked), default=1.0)
+    best = min(ranked, key=lambda c: c.p, default=None)
+    least = best.p if best else 1.0
+    if best and least <= SELECTION.level(d.draws):
+        chance = f"and the best of {len(ranked)} candidates, {best.key}, takes hardly anything off (p = {least:.2g})"
+    else:
+        chance = f"and chance does as well as the best of {len(ranked)} candidates with p = {least:.2g}"
     text = (
         f"Nothing is missing that these runs can show: within the sensor sheet's tolerances the row farthest above "
-        f"its noise floor is {worst}, at {ratios[worst]:.2f} times, and chance does as well as the best of "
-        f"{len(ranked)} candidates with p = {least:.2g}. {len(d.candidates) - len(ranked)} more could not be tested on "
-        f"these runs."
+        f"its noise floor is {worst}, at {ratios[worst]:.2f} times, {chance}. {len(d.candidates) - len(ranked)} more "
+        f"could not be tested on these runs."
     )
     text += _by_tolerances(d) + _small(d)
     if small := [c for c in ranked if is_significant(c, d.effects[c.key], d.draws)]:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lacet.daq.errors import LacetError
+from lacet.daq.formats.exchange import SUFFIXES, metadata_of
 from lacet.daq.formats.log import LogReader
 from lacet.identify.validation.failure_analysis import FailureAnalysis
 from lacet.identify.validation.score import Comparison
@@ -151,10 +152,12 @@ def _runs(session: Session, after: Mapping[str, list[Comparison]]) -> list[RunAb
 
 
 def _recorded(run: Path) -> tuple[str, str]:
-    """Manoeuvre of a log, and when its recording began; empty for tables and other systems' files."""
-    if run.suffix.lower() != ".mcap":
-        return "", ""
+    """Manoeuvre of a run, and when its recording began; empty where its file does not say it."""
     try:
+        if run.suffix.lower() in SUFFIXES:
+            return str(metadata_of(run).get("manoeuvre", "")), ""
+        if run.suffix.lower() != ".mcap":
+            return "", ""
         start = LogReader(run).start
         date = datetime.fromtimestamp(1e-9 * start.started_ns, UTC).strftime("%Y-%m-%d %H:%M")
         return start.manoeuvre, date if start.started_ns > 0 else ""

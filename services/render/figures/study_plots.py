@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,10 @@ from lacet.services.render.rows import colour_words
 WIDTH = 1180.0
 """Width of a picture as wide as a page's text [px]."""
 _COLUMNS = 2
+_FEW = 5
+"""Versions whose labels have the larger type."""
+_LABELS = ((9, 80), (7, 84))
+"""Size of the labels' type [pt], and characters of it side by side below the picture: of few versions, of many."""
 _BROAD = 900.0
 """Width of a picture on the first page, which is an upright sheet of paper when printed [px]."""
 
@@ -89,7 +94,8 @@ def fall_figure(versions: Sequence[Any]) -> Figure:
     axes.set_yticks([1, 2, 5, 10, 20], ["1", "2", "5", "10", "20"])
     axes.minorticks_off()
     axes.set_ylim(0.7, max(2.0, high * 1.3))
-    axes.set_xticks(x, [f"{v.number}: {v.note}" for v in versions], fontsize=9)
+    size, room = _LABELS[len(versions) > _FEW]
+    axes.set_xticks(x, [fill(f"{v.number}: {v.note}", max(room // len(versions), 4)) for v in versions], fontsize=size)
     axes.set_ylabel("error ÷ noise floor")
     axes.legend(frameon=False, fontsize=9)
     for side in ("top", "right"):

@@ -10,7 +10,9 @@ import re
 import shutil
 from dataclasses import replace
 from importlib import metadata
+from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,11 +20,14 @@ import pytest
 from numpy.typing import NDArray
 
 import lacet.services.workspace.report
+from lacet.daq.formats.arrow_tables import write_columns
 from lacet.identify.car.rows import Row
 from lacet.identify.validation.score import pooled_ratio
 from lacet.services.render.failure_report import where_pieces
 from lacet.services.render.figures.curves import ROOM, SCRIPT, SCRIPT_HASH, curves_html, room_of
+from lacet.services.render.figures.study_plots import fall_figure
 from lacet.services.render.intervals import half_width, to_interval
+from lacet.services.render.report_summary import _constant
 from lacet.services.workbench.exports import report_policy
 from lacet.services.workbench.session_cache import SessionCache
 from lacet.services.workspace.report import write_report
@@ -192,3 +197,34 @@ def test_a_second_request_draws_nothing(written: Path, tmp_path: Path, monkeypat
     (written / "study.json").write_text(text.replace('"draws": 19', '"draws": 29'), encoding="utf-8")
     with pytest.raises(AssertionError, match="drawn again"):
         write_report(Session(Study.open(written)), tmp_path / "other.html")
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".csv"])
+def test_the_manoeuvre_of_a_table_is_what_its_metadata_say(tmp_path: Path, suffix: str):
+    file = tmp_path / f"run{suffix}"
+    write_columns(file, {"t": np.arange(3.0)}, {"manoeuvre": "slalom", "vehicle": "a.toml"})
+    assert lacet.services.workspace.report._recorded(file) == ("slalom", "")
+    file.write_bytes(b"PAR1 cut off")
+    file.with_suffix(".json").write_text("no JSON", encoding="utf-8")
+    assert lacet.services.workspace.report._recorded(file) == ("", "")
+
+
+@pytest.mark.parametrize(("key", "name", "value", "line"), [
+    ("bump_stop.rear", "gap", 0.01734, ["mm", "17.34"]), ("bump_stop.rear", "n", 2.016, ["-", "2.016"]),
+    ("coulomb.front", "v0", 0.008, ["mm/s", "8"]), ("own.front", "x0", 0.5, ["SI", "0.5"]),
+])  # fmt: skip
+def test_constants_have_the_unit_people_read(key: str, name: str, value: float, line: list[str]):
+    assert _constant("label", key, name, value) == ["label", f"{key}: {name}", *line, ""]
+
+
+@pytest.mark.parametrize("count", [2, 4, 5, 6, 8, 12])
+def test_versions_do_not_run_into_each_other(count: int):
+    """With long notes no label is wider than its share of the picture."""
+    rows = {"used": {"a": {"chassis.fx": {"rms": 30.0, "floor": 20.0, "ratio": 1.5}}}, "held": {}}
+    note = "added damper_asymmetry.rear and anti_roll_bar.front"
+    versions = [SimpleNamespace(number=n, note=note, result={"rows": rows}) for n in range(1, count + 1)]
+    figure = fall_figure(versions)
+    figure.canvas.draw()
+    boxes = [label.get_window_extent() for label in figure.axes[0].get_xticklabels()]
+    assert len(boxes) == count
+    assert all(left.x1 <= right.x0 for left, right in pairwise(boxes))
