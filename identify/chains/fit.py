@@ -72,6 +72,7 @@ class ChainFit:
     serial : (b, b) covariance for correlated residuals alone; in `covariance` no σ is below that of `independent`.
     seconds, cutoff : length of the record [s], cut-off of the equations [Hz].
     W, y : (m, f, b), (m, f) equations after filter and decimation; `used` (m, f) those that count; `weights` (m, f).
+    measured : (m, f) torques [N·m, N] that `y` was formed of: the same where no column depends on parameters.
     t : (m,) times since the first sample [s].
     """
 
@@ -92,6 +93,7 @@ class ChainFit:
     used: NDArray[np.bool_] = field(repr=False)
     weights: Array = field(repr=False)
     t: Array = field(repr=False)
+    measured: Array = field(repr=False)
 
     @property
     def residual(self) -> Array:
@@ -208,7 +210,8 @@ def fit_chain(model: ChainModel, samples: JointSamples, slowest: Array, robust: 
     while True:
         equations = model.equations(samples, standard)
         W, y = equations if standard is None else model.about(*equations, standard)
-        found = _solved(model, W[:, :, keep], y, used, kept / samples.filters.rate, robust, record)
+        t = kept / samples.filters.rate
+        found = _solved(model, W[:, :, keep], y, used, t, robust, record, equations[1])
         before, standard, rounds = standard, found.standard, rounds - 1
         step = np.inf if before is None else np.abs(standard - before)[keep]
         if rounds <= 0 or np.all(step <= _STILL * np.sqrt(np.diag(found.independent))):
@@ -218,12 +221,13 @@ def fit_chain(model: ChainModel, samples: JointSamples, slowest: Array, robust: 
 def refitted(fitted: ChainFit) -> ChainFit:
     """The fit again to those of its equations that are `used`. Raises NotIdentifiable as `fit_chain`."""
     record = fitted.seconds, fitted.cutoff
-    return _solved(fitted.model, fitted.W, fitted.y, fitted.used, fitted.t, robust=False, record=record)
+    return _solved(fitted.model, fitted.W, fitted.y, fitted.used, fitted.t, False, record, fitted.measured)
 
 
 def _solved(
-    model: ChainModel, W: Array, y: Array, used: NDArray[np.bool_], t: Array, robust: bool, record: tuple[float, float]
-) -> ChainFit:
+    model: ChainModel, W: Array, y: Array, used: NDArray[np.bool_], t: Array, robust: bool,
+    record: tuple[float, float], measured: Array,
+) -> ChainFit:  # fmt: skip
     base = model.base
     if not np.all(np.any(used, axis=0)):
         joint = model.chain.names[model.chain.coupling.free[int(np.argmin(np.any(used, axis=0)))] - 1]
@@ -269,5 +273,5 @@ def _solved(
 
     return ChainFit(
         model, base, unseen, every, placed(at_least(serial, bread)), placed(bread), found.sigma, found.freedom,
-        placed(found.shares), placed(serial), *record, W, y, used, weights, t,
+        placed(found.shares), placed(serial), *record, W, y, used, weights, t, measured,
     )  # fmt: skip

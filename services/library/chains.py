@@ -112,7 +112,7 @@ class IdentifiedChain:
         """Error of each joint on the samples fitted to, beside that of noise which is fitted to."""
         with one_thread():
             noise = noise_after_fit(self.fitted, self._noise)
-        return scores_of(self.fitted, self.fitted.residual, self.fitted.y, noise)
+        return scores_of(self.fitted, self.fitted.residual, self.fitted.measured, noise)
 
     @cached_property
     def held_out(self) -> tuple[JointScore, ...]:
@@ -123,7 +123,7 @@ class IdentifiedChain:
         """
         with one_thread():
             residual, noise = held_out(self.fitted, self.filters.fit_cutoff, self._noise)
-        return scores_of(self.fitted, residual, self.fitted.y, noise)
+        return scores_of(self.fitted, residual, self.fitted.measured, noise)
 
     def predict(self, q: ArrayLike, tau: ArrayLike, **given: object) -> tuple[JointScore, ...]:
         """Error of each joint on another record, with the same filters; arguments as in `identify_chain`.

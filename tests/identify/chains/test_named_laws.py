@@ -7,7 +7,7 @@ import pytest
 
 from lacet.identify.chains import effects as laws
 from lacet.identify.chains.constants import half_of_constant, searched
-from lacet.identify.chains.effects import JointEffect, StribeckFriction
+from lacet.identify.chains.effects import EncoderOffset, JointEffect, StribeckFriction
 from lacet.identify.chains.model import ChainModel, standard_effects
 from lacet.identify.chains.ranking import JointAnswer, JointCandidate, candidates_of
 from lacet.identify.multibody.chain import Chain
@@ -108,6 +108,18 @@ def test_a_base_that_leans_is_named_with_the_first_moments_that_gravity_then_act
     assert "m/s²" in str(better)
     low, high = better.interval("MX1")
     assert low < VALUES["MX1"] < high
+
+
+def test_what_is_explained_is_a_part_of_the_measured_torque():
+    """However large the offset of an encoder is that a fit is asked for: here by wrong torques."""
+    q, tau = exact(1, 20.0)
+    wrong = tau + np.outer(3.0 * np.sin(np.arange(len(q)) / 90.0), [0.0, 1.0, 0.0, 0.0])
+    plain = identify_chain(ARM, q, wrong, rate=RATE, cutoff=4.0)
+    for one in (plain, plain.with_effects(EncoderOffset(3))):
+        for score in one.scores:
+            part = 100.0 * (1.0 - (score.rms / score.variation) ** 2)
+            assert score.explained == pytest.approx(part, abs=0.5)
+        assert one.scores[1].variation == pytest.approx(plain.scores[1].variation, rel=1e-9)
 
 
 @pytest.mark.parametrize(("gravity", "axes"), [((0, 0, -9.81), "xy"), ((0, -9.8, 0.4), "xz"), ((0, 0, 0), "")])
