@@ -509,7 +509,7 @@ def _nothing(d: Diagnosis) -> str:
     best = min(ranked, key=lambda c: c.p, default=None)
     least = best.p if best else 1.0
     if best and least <= SELECTION.level(d.draws):
-        chance = f"and the best of {len(ranked)} candidates, {best.key}, takes hardly anything off (p = {least:.2g})"
+        chance = f"and the best of {len(ranked)} candidates, {best.key} (p = {least:.2g}), is {best.answer}"
     else:
         chance = f"and chance does as well as the best of {len(ranked)} candidates with p = {least:.2g}"
     text = (

@@ -145,6 +145,9 @@ def test_what_stands_out_and_is_too_small_is_told_where_nothing_is_proposed(
     assert found.verdict == "nothing missing"
     assert "Chance does not explain all: hidden.front " in says(found)
     assert " N RMS, p = 0.025" in says(found)
+    assert "the best of 3 candidates, hidden.front (p = 0.025), is smaller than asked for" in says(found)
+    others = replace(found, candidates=[c for c in found.candidates if c.key != HIDDEN.key])
+    assert "chance does as well as the best of 2 candidates with p = " in says(others)
 
 
 @pytest.mark.parametrize(
