@@ -22,8 +22,14 @@ LEAST_ACCEL = 0.4
 """Least standard deviation of an acceleration by which others are judged [m/s²]: a lively drive, no noise."""
 LEAST_YAW_RATE = 0.02
 """The same of a yaw rate [rad/s]."""
+LEAST_CARRIED = 0.003
+"""The same of the pitch rate of a rolled car that yaws [rad/s]: 0.1 rad/s at 2° of roll."""
 LEAST_SIDE_SPEED, LEAST_SIDE_LOAD = 0.001, 0.02
 """The same of the difference of two wheels of an axle by their sum, speeds and loads: 0.03 rad/s at 20 m/s."""
+SURE = 0.9
+"""Certainty of a sign from which others are judged by it."""
+ANGLES = {"imu.attitude.roll": "imu.rate.x", "imu.attitude.pitch": "imu.rate.y", "imu.attitude.yaw": "imu.rate.z"}
+"""Angle → the rate that it turns at."""
 
 
 def on_grid(t: Array, values: Array, grid: Array) -> Array:
@@ -57,13 +63,15 @@ class Car:
         self.columns = dict(columns)
         self.signs: dict[str, tuple[int, float]] = {}
         """Column → sign that makes it right, and the certainty of it, 0.5 to 1."""
+        self.related: dict[str, tuple[int, float]] = {}
+        """Angle → 1 if it turns with its rate, -1 if against it, both as recorded; and the certainty of it."""
 
     def get(self, column: str) -> Array | None:
         """A column with its sign, where that is sure enough to judge others by; None otherwise."""
         if column not in self.columns:
             return None
         sign, sure = self.signs.get(column, (1, 0.5))
-        return sign * self.columns[column] if sure >= 0.9 else None
+        return sign * self.columns[column] if sure >= SURE else None
 
     def judge(self, column: str, by: Array | None, positive: bool = True) -> None:
         """Take a column's sign from its correlation with another series, unless a better judgement is there."""
@@ -103,9 +111,8 @@ class Car:
         self.judge("imu.rate.x", slope if roll is None else np.gradient(roll) * RATE)
         ax = enough(self.get("imu.accel.x"), LEAST_ACCEL) if ahead is not None else None
         self.judge("imu.attitude.pitch", ax, positive=False)
-        pitch = self.get("imu.attitude.pitch")
-        self.judge("imu.rate.y", None if pitch is None else np.gradient(pitch) * RATE)
-        self._yaw_angle()
+        self.judge("imu.rate.y", self._carried())
+        self._angles_with_rates()
         for corner in CORNERS:
             self.judge(f"wheel.{corner}.force.y", ay)
             load, side = self.get(f"wheel.{corner}.force.z"), self.get(f"wheel.{corner}.force.y")
@@ -121,10 +128,41 @@ class Car:
             mean, spread = float(np.nanmean(series)), float(np.nanstd(series))
             self.signs[column] = (1 if mean > 0.0 else -1, 0.99 if abs(mean) > spread else 0.8)
 
-    def _yaw_angle(self) -> None:
-        yaw, angle = self.get("imu.rate.z"), self.columns.get("imu.attitude.yaw")
-        if yaw is not None and angle is not None and np.isfinite(angle).all():
-            self.judge("imu.attitude.yaw", np.cumsum(yaw) / RATE)
+    def _carried(self) -> Array | None:
+        """Pitch rate of a rolled car that yaws, about its own lateral axis, without a change of pitch [rad/s]."""
+        roll, yaw = self.get("imu.attitude.roll"), self.get("imu.rate.z")
+        return None if roll is None or yaw is None else enough(yaw * np.sin(roll), LEAST_CARRIED)
+
+    def _tilting(self, rate: Array) -> Array | None:
+        """The part of a pitch rate, as recorded, by which the pitch angle changes; None where it cannot be known."""
+        if not {"imu.attitude.roll", "imu.rate.z"} <= set(self.columns):
+            return None
+        size = float(np.nanstd(self.columns["imu.rate.z"] * np.sin(self.columns["imu.attitude.roll"])))
+        if size < LEAST_CARRIED:
+            return rate
+        carried, sign = self._carried(), self.signs.get("imu.rate.y", (1, 0.0))
+        return None if carried is None or sign[1] < SURE else rate - sign[0] * carried
+
+    def _angles_with_rates(self) -> None:
+        """Find which angle turns with, or against, its rate; the less certain sign of both follows the other."""
+        for angle, rate in ANGLES.items():
+            if angle not in self.columns or rate not in self.columns:
+                continue
+            turning = self._tilting(self.columns[rate]) if rate == "imu.rate.y" else self.columns[rate]
+            if turning is None:
+                continue
+            found = correlation(np.gradient(self.columns[angle]) * RATE, turning)
+            sure = certainty(abs(found))
+            if sure < SURE:
+                continue
+            relation = 1 if found > 0.0 else -1
+            self.related[angle] = (relation, sure)
+            better, worse = sorted((angle, rate), key=lambda one: -self.signs.get(one, (1, 0.0))[1])
+            sign, known = self.signs.get(better, (1, 0.0))
+            if known >= SURE:
+                same = self.signs.get(worse, (1, 0.0))
+                agreed = known * sure if same[0] != relation * sign else max(same[1], known * sure)
+                self.signs[worse] = (relation * sign, agreed)
 
     def _speed(self) -> Array | None:
         for column in ("correvit.speed.x", "car.speed", "gnss.speed"):

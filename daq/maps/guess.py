@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lacet.daq.channels import COLUMNS
-from lacet.daq.maps.behaviour import RATE, Car, on_grid
+from lacet.daq.maps.axes import by_others
+from lacet.daq.maps.behaviour import ANGLES, RATE, Car, on_grid
 from lacet.daq.maps.channel_map import FORMAT
 from lacet.daq.maps.name_units import unit_at_end
 from lacet.daq.maps.names import written_name
@@ -208,10 +209,12 @@ def _signed(
     for column, (one, _) in chosen.items():
         unit = read_unit(one.said_unit or one.unit) if one.said_unit or one.unit else None
         factor = unit.factor if unit else 1.0
-        columns[column] = factor * on_grid(series[one.name].t, series[one.name].values, grid)
+        values = factor * series[one.name].values
+        columns[column] = on_grid(series[one.name].t, _unwrapped(values) if column in ANGLES else values, grid)
     car = Car(columns)
     if len(grid) > 3:
         car.find_signs()
+    names = {column: one.name for column, (one, _) in chosen.items()}
     out: dict[str, Guess] = {}
     for column, (one, meaning) in chosen.items():
         sign, sure = car.signs.get(column, (1, 0.0))
@@ -220,7 +223,24 @@ def _signed(
             mean = float(np.nanmean(values)) if np.isfinite(values).any() else 0.0
             sign, sure = (-1, 0.85) if column.endswith(".speed") and mean < 0.0 else (1, 0.99)
         if sure < _UNSEEN_SIGN and meaning.signed:
-            sign, sure = 1, _UNSEEN_SIGN
+            sign, sure = _unseen(column, car, names)
         expression = one.expression if sign > 0 else f"-{one.expression}"
         out[column] = replace(one, expression=expression, probability=one.probability * max(sure, 0.5))
+    return out
+
+
+def _unseen(column: str, car: Car, names: Mapping[str, str]) -> tuple[int, float]:
+    """The sign, with its certainty, of a column that the drive does not show: the others', else the vocabulary's."""
+    rate = ANGLES.get(column, "")
+    if column in car.related:
+        relation, sure = car.related[column]
+        sign, known = by_others(rate, car.signs, names) or (1, _UNSEEN_SIGN)
+        return relation * sign, sure * known
+    return by_others(column, car.signs, names) or (1, _UNSEEN_SIGN)
+
+
+def _unwrapped(angles: Array) -> Array:
+    """Angles without the steps of whole turns [rad]; NaN stays."""
+    out, good = angles.copy(), np.isfinite(angles)
+    out[good] = np.unwrap(angles[good])
     return out
