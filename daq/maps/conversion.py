@@ -19,6 +19,9 @@ from lacet.daq.sources.open_source import open_source
 from lacet.daq.sources.source import Array, Series, Source, resolve
 from lacet.daq.units import read_unit
 
+_SHOWN = 5
+"""Names that a note has; the JSON result has all."""
+
 
 @dataclass(frozen=True)
 class _Dropped:
@@ -53,6 +56,7 @@ class Conversion:
     start_ns : instant of time 0 [ns since the Unix epoch], None where no log says.
     assemblies : channels that can be made.
     notes : what is left out or assumed, one line each.
+    without_unit : names that are taken as SI, because neither file nor map says a unit.
     """
 
     map: ChannelMap
@@ -60,6 +64,7 @@ class Conversion:
     start_ns: int | None = None
     assemblies: list[Assembly] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    without_unit: list[str] = field(default_factory=list)
     _places: dict[str, tuple[int, str]] = field(default_factory=dict)
     _offsets: list[float] = field(default_factory=list)
     _last: dict[tuple[int, str], float] = field(default_factory=dict)
@@ -233,13 +238,21 @@ class Conversion:
         self.assemblies = [Assembly(*one) for one in found.recipes]
         self.notes += lacking
         self.notes += self._said_of_none()
-        if found.without_unit:
-            names = ", ".join(found.without_unit)
-            self.notes.append(f"without a unit in file and map, taken as SI: {names}")
+        self.without_unit = [name for name in found.without_unit if not self._is_si(name)]
+        if self.without_unit:
+            names = ", ".join(self.without_unit[:_SHOWN])
+            more = len(self.without_unit) - _SHOWN
+            behind = f" and {more} more" if more > 0 else ""
+            self.notes.append(f"without a unit in file and map, taken as SI: {names}{behind}")
         if not self.assemblies:
             path = ", ".join(str(source.path) for source in self.sources)
             remedy = f"correct {self.map.name}, or let lacet propose one: lacet map --guess {self.sources[0].path}"
             raise RunError(path, [*lacking, remedy])
+
+    def _is_si(self, name: str) -> bool:
+        """Whether a log's format says that a name is in SI, though not in which of its units."""
+        at, listed = self._places[name]
+        return bool(self.sources[at].listed[listed].units)
 
     def _said_of_none(self) -> list[str]:
         """Notes on lines of `[sources]` that are about no name of the logs: what they say, a delay or unit, is lost."""

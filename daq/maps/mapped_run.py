@@ -25,12 +25,14 @@ def map_beside(path: Path) -> Path | None:
     return None
 
 
-def mapped_run(paths: Sequence[str | Path], map_: ChannelMap) -> Run:
-    """The run of one or more logs of one drive, by a map.
+def mapped_run(paths: Sequence[str | Path], map_: ChannelMap, without_unit: list[str] | None = None) -> Run:
+    """The run of one or more logs of one drive, by a map; `without_unit` gets the names that are taken as SI.
 
     Raises RunError, with every reason, when a file cannot be read or no channel can be made.
     """
     conversion = Conversion.of(paths, map_)
+    if without_unit is not None:
+        without_unit += conversion.without_unit
     parts: dict[str, list[ChannelPiece]] = {}
     try:
         for piece in conversion.pieces():

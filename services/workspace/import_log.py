@@ -85,7 +85,7 @@ def import_logs(
     notes += pause_lines({name: one.found for name, one in stamps.items()})
     return {
         "log": output, "files": [str(path) for path in paths], "duration": spans[1] - spans[0], "samples": samples,
-        "usable": usable, "notes": notes,
+        "usable": usable, "notes": notes, "without_unit": conversion.without_unit,
     }  # fmt: skip
 
 
@@ -135,7 +135,8 @@ def _block(piece: ChannelPiece, start_ns: int) -> Block:
 
 
 def _as_table(paths: Sequence[Path], map_: ChannelMap, output: Path, named: dict[str, str]) -> dict[str, Any]:
-    run = mapped_run(paths, map_)
+    without: list[str] = []
+    run = mapped_run(paths, map_, without)
     try:
         exchange.write_table(run, output)
     except RunError as error:
@@ -147,4 +148,5 @@ def _as_table(paths: Sequence[Path], map_: ChannelMap, output: Path, named: dict
         "samples": {name: len(one.t) for name, one in run.signals.items()},
         "usable": {name: int(np.count_nonzero(one.usable)) for name, one in run.signals.items()},
         "notes": [*run.problems, *pause_lines({name: pauses(one.t) for name, one in run.signals.items()})],
+        "without_unit": without,
     }  # fmt: skip

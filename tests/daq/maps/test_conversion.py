@@ -18,6 +18,7 @@ from lacet.daq.maps import assembly
 from lacet.daq.maps.channel_map import ChannelMap
 from lacet.daq.maps.mapped_run import mapped_run
 from lacet.daq.run import Run
+from lacet.services.workspace.import_log import import_logs
 
 T = np.arange(0.0, 4.0, 0.01)
 HEAD = 'format = "lacet-map 1"\n'
@@ -84,6 +85,19 @@ def test_a_unit_of_the_file_that_does_not_fit_leaves_the_channel_out(tmp_path: P
 def test_what_has_no_unit_is_taken_as_si_and_said(tmp_path: Path) -> None:
     run = made(table(tmp_path / "a.csv", t=T, A=T), '[channels]\n"car.speed" = "A"')
     assert "without a unit in file and map, taken as SI: A" in run.problems
+
+
+def test_of_many_names_without_a_unit_the_first_are_named_and_the_result_has_all(tmp_path: Path) -> None:
+    names = [f"a_name_of_a_log_{k}" for k in range(12)]
+    columns = [f"wheel.{c}.force.{a}" for c in ("fl", "fr", "rl", "rr") for a in "xyz"]
+    file = table(tmp_path / "a.csv", t=T, **dict.fromkeys(names, T))
+    lines = [f'"{column}" = "{name}"' for column, name in zip(columns, names, strict=True)]
+    map_ = ChannelMap.parse('format = "lacet-map 1"\n[channels]\n' + "\n".join(lines))
+    short = f"without a unit in file and map, taken as SI: {', '.join(names[:5])} and 7 more"
+    for output in ("run.mcap", "run.parquet"):
+        found = import_logs([file], map_, tmp_path / output)
+        assert short in found["notes"]
+        assert found["without_unit"] == names
 
 
 def test_a_delay_is_removed_and_a_table_looked_up(tmp_path: Path) -> None:
