@@ -12,6 +12,7 @@ from lacet.daq.maps.channel_map import ChannelMap
 from lacet.daq.maps.mapped_run import map_beside, mapped_run
 from lacet.daq.run import Run
 from lacet.daq.sources.open_source import KINDS as SOURCE_KINDS
+from lacet.daq.sources.open_source import is_bag
 
 KINDS = tuple(dict.fromkeys((".mcap", *sorted(exchange.SUFFIXES), *mf4.SUFFIXES, *SOURCE_KINDS)))
 """Suffixes of files that can be runs."""
@@ -36,7 +37,7 @@ def open_run(path: str | Path, map: str | Path | ChannelMap | None = None) -> Ru
     ('sine', True)
     """
     file = Path(path)
-    if not file.is_file():
+    if not file.is_file() and not is_bag(file):
         raise RunError(path, ["no such file"])
     if map is not None:
         return mapped_run([file], map if isinstance(map, ChannelMap) else ChannelMap.load(map))
@@ -61,6 +62,8 @@ def open_run(path: str | Path, map: str | Path | ChannelMap | None = None) -> Ru
         if error.path == str(path) and not _is_own_table(file):
             raise RunError(path, [*error.faults, remedy]) from None
         raise
+    if is_bag(file):
+        raise RunError(path, [f"this is a ROS 2 bag: {remedy}"])
     if suffix in SOURCE_KINDS:
         raise RunError(path, [f"this is a log of another system ({SOURCE_KINDS[suffix]}): {remedy}"])
     raise RunError(path, [f"unknown kind of file '{suffix}': give {', '.join(KINDS)}"])

@@ -19,7 +19,7 @@ from lacet.daq.maps.name_units import unit_at_end
 from lacet.daq.maps.names import written_name
 from lacet.daq.maps.resolution import ALONE
 from lacet.daq.maps.words import Meaning, meanings
-from lacet.daq.sources.source import Array, Series, Source
+from lacet.daq.sources.source import Array, Listed, Series, Source
 from lacet.daq.units import UnitFault, read_unit
 
 ACCEPTED = 0.9
@@ -33,7 +33,7 @@ _SIZES: dict[str, tuple[float, float, tuple[str, ...]]] = {
     "wheel.force.z": (800.0, 15e3, ("N", "kN", "daN")), "wheel.force": (60.0, 12e3, ("N", "kN", "daN")),
     "wheel.moment": (8.0, 4e3, ("N·m", "kN·m")), "wheel.speed": (4.0, 250.0, ("rad/s", "1/min")),
     "suspension.travel": (0.002, 0.15, ("m", "mm")), "damper.travel": (0.002, 0.15, ("m", "mm")),
-    "laser.hub": (0.05, 0.9, ("m", "mm")),
+    "wheel.angle": (60.0, np.inf, ("rad", "deg")), "laser.hub": (0.05, 0.9, ("m", "mm")),
     "laser.ground": (0.1, 1.5, ("m", "mm")), "camera.steer": (0.004, 0.7, ("rad", "deg")),
     "camera.camber": (0.001, 0.12, ("rad", "deg")), "steering.angle": (0.03, 12.0, ("rad", "deg")),
     "correvit.speed.x": (3.0, 90.0, ("m/s", "km/h")), "car.speed": (3.0, 90.0, ("m/s", "km/h")),
@@ -45,6 +45,8 @@ _UNSEEN_SIGN = 0.8
 """Probability that a sign whose test the log does not allow is the vocabulary's."""
 _STILL = 0.8
 """Factor for a name whose values stand still: it could be anything."""
+_LIKELY = 0.5
+"""Probability of a name that moves from which names that stand still do not claim the same column."""
 _TYRE_RADIUS = "0.31 m"
 _RUN = (
     "# What a log does not say; remove the # where it applies:",
@@ -89,12 +91,17 @@ def guess(source: Source) -> list[Guess]:
         one = series.get(name)
         if one is None or not len(one.t):
             continue
-        found, meaning = max(_possible(about, one), key=lambda claim: claim[0].probability, default=(about, None))
+        found, meaning = max(
+            _possible(about, source.listed[name], one), key=lambda claim: claim[0].probability, default=(about, None)
+        )
         if meaning is not None and found.probability > 0.0:
             claims.setdefault(found.column, []).append((found.probability, found, meaning))
     chosen: dict[str, tuple[Guess, Meaning]] = {}
     for column, several in claims.items():
         several.sort(key=lambda claim: -claim[0])
+        moving = [claim for claim in several if claim[1].low < claim[1].high]
+        if moving and moving[0][0] >= _LIKELY:
+            several = moving  # what stands still is no rival of it
         best, rival = several[0], several[1][0] if len(several) > 1 else 0.0
         share = best[0] / (best[0] + rival) if rival > 0.5 * best[0] else 1.0
         chosen[column] = (replace(best[1], probability=best[0] * share), best[2])
@@ -157,14 +164,18 @@ def _described(name: str, unit: str, series: Series | None) -> Guess:
     return Guess(name, unit, rate, float(np.nanmin(series.values)), float(np.nanmax(series.values)))
 
 
-def _possible(about: Guess, series: Series) -> list[tuple[Guess, Meaning]]:
+def _possible(about: Guess, listed: Listed, series: Series) -> list[tuple[Guess, Meaning]]:
     """What a name could mean; one without a unit in the log also without the unit that it may end in."""
-    named = None if about.unit else unit_at_end(about.name)
+    named = None if about.unit or listed.units else unit_at_end(about.name)
     if named is not None:
         pairs = [(_quantity(about, meaning, series, named[1]), meaning) for meaning in meanings(named[0])]
         if fitting := [pair for pair in pairs if pair[0].probability > 0.0]:
             return fitting
-    return [(_quantity(about, meaning, series, about.unit), meaning) for meaning in meanings(about.name)]
+    return [
+        (_quantity(about, meaning, series, unit), meaning)
+        for meaning in meanings(about.name, listed.quantity)
+        for unit in listed.units or (about.unit,)
+    ]
 
 
 def _quantity(about: Guess, meaning: Meaning, series: Series, stated: str) -> Guess:

@@ -40,8 +40,15 @@ _NO_MEANING = {
     "wert",
     "pos",
     "fahr",
+    "joint",
+    "link",
 }
 """Words that say nothing of the quantity."""
+_NO_MEASUREMENT = {
+    "accuracy", "valid", "status", "raw", "quality", "sigma", "std", "setpoint", "soll", "target", "cmd", "command",
+    "desired", "covariance", "variance",
+}  # fmt: skip
+"""Words of names that are about a measurement, or ask for a value."""
 _UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss"})
 _SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 _STEER = {"steer", "steering", "delta", "lenk", "spur", "toe", "braquage", "sterzo", "direccion"}
@@ -82,8 +89,9 @@ _COMPOUND = {
     "druck": "pressure", "pression": "pressure", "druecke": "pressure", "winkel": "angle", "acceleration": "acc",
     "accel": "acc", "beschl": "acc", "beschleunigung": "acc", "altitude": "altitude", "hoehe": "altitude",
     "wank": "roll", "nick": "pitch", "gier": "yaw", "wanken": "roll", "nicken": "pitch", "gieren": "yaw",
-    "accelerationx": "acc x", "accelerationy": "acc y", "accelerationz": "acc z", "angularratex": "rate x",
-    "angularratey": "rate y", "angularratez": "rate z", "rideh": "ground", "n": "rotation",
+    "angularvelocity": "rate", "angularvel": "rate", "angularrate": "rate", "linearacceleration": "acc",
+    "linearaccel": "acc", "accelerationx": "acc x", "accelerationy": "acc y", "accelerationz": "acc z",
+    "angularratex": "rate x", "angularratey": "rate y", "angularratez": "rate z", "rideh": "ground", "n": "rotation",
 }  # fmt: skip
 
 
@@ -149,12 +157,20 @@ def words_of(name: str) -> tuple[list[str], str]:
     return kept, corner
 
 
-def meanings(name: str) -> list[Meaning]:
-    """Columns that a name could mean, the best first; none where no word is known."""
+def meanings(name: str, quantity: str = "") -> list[Meaning]:
+    """Columns that a name could mean, the best first; none where no word is known.
+
+    `quantity` : words for what it is, where the log's format fixes it; of the name then only its last part counts.
+    """
     whole = name.replace("/", ".")
     last = whole.rpartition(".")[2]
     kept, corner = words_of(last)
     corner = corner or words_of(whole)[1]
+    if quantity:
+        of_whole = set(words_of(whole)[0])
+        if "velocity" in quantity and not corner and _GNSS & of_whole:
+            return []  # in axes of the earth
+        return _of_words({*kept, *quantity.split(), *(of_whole & _NO_MEASUREMENT - {"raw"})}, corner, name)
     return _of_words(set(kept), corner, name) or _of_words(set(words_of(whole)[0]), corner, name)
 
 
@@ -174,14 +190,14 @@ def _of_words(have: set[str], corner: str, name: str) -> list[Meaning]:
             add("wheel.{c}.speed", 0.98, False)
         elif "speed" in have:
             add("wheel.{c}.speed", 0.9, False)
-        elif have - _NO_MEANING in ({"wheel"}, {"wheel", "velocity"}):  # the unit decides
+        elif have - _NO_MEANING == {"wheel"} or ({"wheel", "velocity"} <= have and not axis):  # the unit decides
             add("wheel.{c}.speed", 0.93, False)
         if "camber" in have:
             add("camera.{c}.camber", 0.97)
         elif (_STEER | {"swa"}) & have:  # a steering wheel has no corner
             add("camera.{c}.steer", 0.95)
         elif {"angle", "phi"} & have:
-            add("wheel.{c}.angle", 0.9, False)
+            add("wheel.{c}.angle", 0.95 if "wheel" in have else 0.9, False)
         if "ground" in have:
             add("laser.{c}.ground", 0.95, False)
         if "travel" in have and "force" not in have:
@@ -232,5 +248,4 @@ def _of_words(have: set[str], corner: str, name: str) -> list[Meaning]:
         add("imu.attitude.yaw", 0.9)
     elif "course" in have:
         add("gnss.course", 0.85, False)
-    bad = have & {"accuracy", "valid", "status", "raw", "quality", "sigma", "std", "setpoint", "soll", "target"}
-    return [Meaning(m.column, 0.3 * m.words, m.signed) for m in out] if bad else out
+    return [Meaning(m.column, 0.3 * m.words, m.signed) for m in out] if have & _NO_MEASUREMENT else out

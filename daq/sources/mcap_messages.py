@@ -1,22 +1,30 @@
-"""Others' MCAP logs: Protobuf, ROS 2 (CDR) and JSON messages; every number in a message is a name ``topic.field``."""
+"""Others' MCAP logs: Protobuf, ROS 2 (CDR) and JSON messages; every number in a message is a name ``topic.field``.
+
+A ROS 2 bag is a folder of such files, one after the other.
+"""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
 from lacet.daq.parts import from_part
+from lacet.daq.sources.ros_types import FieldMeaning, fields_of
 from lacet.daq.sources.source import PIECE_SAMPLES, Listed, Piece, Reading, Series, Source, fault, read_by_library
 
+SUFFIX = ".mcap"
 _PROBED = 5
 """Messages of a topic whose fields are listed."""
 _MOST_ELEMENTS = 16
 """Longest array of a message whose elements become names."""
+_OF_JOINTS = ("position", "velocity", "effort")
+"""Fields of a message of joints (JointState) with a value for each of the joints in its field `name`."""
+_ARRAYS = (list, tuple, np.ndarray)
 
 
 class McapMessages(Source):
@@ -24,42 +32,62 @@ class McapMessages(Source):
 
     def __init__(self, path: Path, reading: Reading):
         super().__init__(path)
-        with read_by_library(path, "as MCAP"), path.open("rb") as stream:
+        self._files = _in_order(path)
+        self._total = 0
+        seen: dict[str, int] = {}
+        for file in self._files:
+            self._list(file, seen)
+        self._total = max(1, self._total)
+        if not self.listed:
+            raise fault(path, *(self.notes or ["it holds no messages with numbers"]))
+
+    def _list(self, file: Path, seen: dict[str, int]) -> None:
+        """Add a file's names, by the first messages of each topic; `seen` : topic → how many of its were looked at."""
+        with read_by_library(file, "as MCAP"), file.open("rb") as stream:
             reader = _reader(stream)
             summary = reader.get_summary()
             channels = dict(summary.channels) if summary else {}
             counts = dict(summary.statistics.channel_message_counts) if summary and summary.statistics else {}
-            self._total = max(1, sum(counts.values()))
-            seen: dict[str, int] = {}
+            self._total += sum(counts.values())
+            topics = {one.topic for one in channels.values()}
             for schema, channel, message in reader.iter_messages():
+                if self.start_ns is None:
+                    self.start_ns = message.log_time
                 if seen.get(channel.topic, 0) >= _PROBED:
-                    if len(seen) == len({one.topic for one in channels.values()}):
+                    if topics <= seen.keys():
                         break
                     continue
                 seen[channel.topic] = seen.get(channel.topic, 0) + 1
-                if self.start_ns is None:
-                    self.start_ns = message.log_time
                 decoded = self._decode(reader, schema, channel, message)
-                for name, _ in _numbers(decoded, _topic(channel.topic)):
-                    what = schema.name if schema else channel.message_encoding
-                    self.listed.setdefault(name, Listed(name, "", counts.get(channel.id), what))
-        if not self.listed:
-            raise fault(path, *(self.notes or ["it holds no messages with numbers"]))
+                what = schema.name if schema else channel.message_encoding
+                count = counts.get(channel.id) if len(self._files) == 1 else None
+                for one in _numbers(decoded, _topic(channel.topic)):
+                    self.listed.setdefault(one.name, one.listed(count, what))
 
     def pieces(self, names: Collection[str]) -> Iterator[Piece]:
         """A bounded number of messages at a time."""
+        read = 0
+        for file in self._files:
+            for count, piece in self._pieces_of(file, names):
+                read += count
+                self.done = min(1.0, read / self._total)
+                yield piece
+        self.done = 1.0
+
+    def _pieces_of(self, file: Path, names: Collection[str]) -> Iterator[tuple[int, Piece]]:
+        """The pieces of one file, with the number of their messages."""
         wanted = {name.split(".", 1)[0] for name in names}
         rows: dict[str, list[tuple[float, dict[str, float]]]] = {}
         read, held = 0, 0
-        with self.path.open("rb") as stream:
+        with file.open("rb") as stream:
             reader = _reader(stream)
-            with read_by_library(self.path, "as MCAP"):
+            with read_by_library(file, "as MCAP"):
                 summary = reader.get_summary()
             topics = [c.topic for c in summary.channels.values()] if summary else None
             chosen = None if topics is None else [t for t in topics if _topic(t) in wanted]
-            messages = reader.iter_messages(topics=chosen)
+            messages = iter(reader.iter_messages(topics=chosen)) if chosen is None or chosen else iter(())
             while True:
-                with read_by_library(self.path, f"behind message {read}"):
+                with read_by_library(file, f"behind message {read}"):
                     found = next(messages, None)
                 if found is None:
                     break
@@ -68,14 +96,12 @@ class McapMessages(Source):
                 stamp = _stamp(decoded)
                 t = ((message.log_time if stamp is None else stamp) - (self.start_ns or 0)) / 1e9
                 key = _topic(channel.topic)
-                rows.setdefault(key, []).append((t, dict(_numbers(decoded, key))))
+                rows.setdefault(key, []).append((t, {one.name: one.value for one in _numbers(decoded, key)}))
                 read, held = read + 1, held + 1
                 if held >= PIECE_SAMPLES:
-                    self.done = read / self._total
-                    yield _series(rows, names)
+                    yield held, _series(rows, names)
                     rows, held = {}, 0
-        self.done = 1.0
-        yield _series(rows, names)
+        yield held, _series(rows, names)
 
     def _decode(self, reader: Any, schema: Any, channel: Any, message: Any) -> Any:
         decoder = _decoder(reader, schema, channel)
@@ -91,6 +117,19 @@ class McapMessages(Source):
             if not any(one.startswith(f"{channel.topic}: messages that cannot") for one in self.notes):
                 self.notes.append(note)
             return None
+
+
+def _in_order(path: Path) -> list[Path]:
+    """The file, or those of a bag folder in the order in which they were recorded."""
+    if path.is_file():
+        return [path]
+    begins: list[tuple[int, str, Path]] = []
+    for file in path.glob(f"*{SUFFIX}"):
+        with read_by_library(file, "as MCAP"), file.open("rb") as stream:
+            summary = _reader(stream).get_summary()
+        known = summary.statistics if summary else None
+        begins.append((known.message_start_time if known else 0, file.name, file))
+    return [file for _, _, file in sorted(begins)]
 
 
 def _reader(stream: BinaryIO) -> Any:
@@ -120,18 +159,31 @@ def _topic(topic: str) -> str:
     return topic.strip("/").replace(".", "/")
 
 
-def _numbers(value: Any, before: str) -> Iterator[tuple[str, float]]:
+class _Number(NamedTuple):
+    """A number in a message: name, value, what its type says of it, and its name with its place in an array."""
+
+    name: str
+    value: float
+    meaning: FieldMeaning | None = None
+    numbered: str = ""
+
+    def listed(self, count: int | None, place: str) -> Listed:
+        """As a name of the log."""
+        units, quantity = self.meaning or ((), "")
+        only = units[0] if len(units) == 1 else ""
+        return Listed(self.name, only, count, place, self.numbered, () if only else units, quantity)
+
+
+def _numbers(value: Any, before: str, meaning: FieldMeaning | None = None) -> Iterator[_Number]:
     """Every number in a message with its path; times and headers apart."""
     if isinstance(value, bool | int | float | np.number):
-        yield before, float(value)
+        yield _Number(before, float(value), meaning)
     elif isinstance(value, dict):
-        for key, one in value.items():
-            if key not in ("header", "stamp"):
-                yield from _numbers(one, f"{before}.{key}")
+        yield from _of_fields(value, before, {}, meaning)
     elif isinstance(value, list | tuple | np.ndarray):
         if len(value) <= _MOST_ELEMENTS:
             for at, one in enumerate(value):
-                yield from _numbers(one, f"{before}.{at}")
+                yield from _numbers(one, f"{before}.{at}", meaning)
     elif hasattr(value, "DESCRIPTOR"):
         for entry in value.DESCRIPTOR.fields:
             if entry.message_type is not None and entry.message_type.full_name == "google.protobuf.Timestamp":
@@ -139,9 +191,34 @@ def _numbers(value: Any, before: str) -> Iterator[tuple[str, float]]:
             part = getattr(value, entry.name)
             yield from _numbers(list(part) if _repeated(entry) else part, f"{before}.{entry.name}")
     elif hasattr(value, "__slots__"):
-        for key in value.__slots__:
-            if key.strip("_") not in ("header", "stamp"):
-                yield from _numbers(getattr(value, key), f"{before}.{key.strip('_')}")
+        fields = {key.strip("_"): getattr(value, key) for key in value.__slots__}
+        yield from _of_fields(fields, before, fields_of(value), meaning)
+
+
+def _of_fields(
+    fields: Mapping[str, Any], before: str, known: Mapping[str, FieldMeaning], meaning: FieldMeaning | None
+) -> Iterator[_Number]:
+    """The numbers of a message's fields; those of joints by the joints' names."""
+    joints = _joints(fields)
+    for key, one in fields.items():
+        if key in ("header", "stamp"):
+            continue
+        about = known.get(key, meaning)
+        if joints and key in _OF_JOINTS and len(one) == len(joints):
+            for at, joint in enumerate(joints):
+                yield _Number(f"{before}.{key}.{joint}", float(one[at]), about, f"{before}.{key}.{at}")
+        else:
+            yield from _numbers(one, f"{before}.{key}", about)
+
+
+def _joints(fields: Mapping[str, Any]) -> list[str]:
+    """Names of the joints whose values a message has in arrays; none where they do not say which is which."""
+    names = fields.get("name")
+    if not isinstance(names, list | tuple) or not all(isinstance(one, str) and one.strip() for one in names):
+        return []
+    if len(set(names)) < len(names) or not all(isinstance(fields.get(key, ()), _ARRAYS) for key in _OF_JOINTS):
+        return []
+    return list(names)
 
 
 def _repeated(entry: Any) -> bool:

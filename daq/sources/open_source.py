@@ -16,13 +16,44 @@ KINDS = {
 }  # fmt: skip
 """What a suffix says; the contents are looked at for bus logs."""
 
+_BAG = "metadata.yaml"
+"""File by which a folder is a ROS 2 bag."""
+_CONVERTED = (
+    "convert it by rosbags (pip install rosbags): rosbags-convert --src {file} --dst {folder} --dst-storage mcap"
+)
+_ROS1 = f"a bag of ROS 1 is not read: {_CONVERTED}, and give {{folder}}"
+_SQLITE = f"a ROS 2 bag in SQLite (.db3) is not read: {_CONVERTED}, and give {{folder}}"
+_PACKED = "its files are compressed as a whole (.zstd): unpack them first, zstd -d {file}/*.zstd"
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is the folder of a ROS 2 bag, read or not."""
+    return (path / _BAG).is_file()
+
+
+def _bag(folder: Path, reading: Reading) -> Source:
+    """The log of a ROS 2 bag. Raises RunError for another folder, or a bag that is not MCAP."""
+    if not is_bag(folder):
+        raise fault(folder, f"a folder is read only where it is a ROS 2 bag ({_BAG} in it): give the log's file")
+    if any(folder.glob("*.mcap")):
+        from lacet.daq.sources.mcap_messages import McapMessages
+
+        return McapMessages(folder, reading)
+    if any(folder.glob("*.db3")):
+        raise fault(folder, _SQLITE.format(file=folder, folder=f"{folder}-mcap"))
+    if any(folder.glob("*.mcap.zstd")):
+        raise fault(folder, _PACKED.format(file=folder))
+    raise fault(folder, "this bag has no files of messages (.mcap)")
+
 
 def open_source(path: str | Path, reading: Reading | None = None) -> Source:
-    """The log in a file. Raises RunError with what was found and what is read.
+    """The log in a file, or in the folder of a ROS 2 bag. Raises RunError with what was found and what is read.
 
     The libraries of a format are loaded when a file of it is opened.
     """
     file, reading = Path(path), reading or Reading()
+    if file.is_dir():
+        return _bag(file, reading)
     if not file.is_file():
         raise fault(file, "no such file")
     if file.stat().st_size == 0:
@@ -63,6 +94,8 @@ def open_source(path: str | Path, reading: Reading | None = None) -> Source:
             return McapMessages(file, reading)
         case "BLF":
             raise fault(file, "this is no BLF log (it does not begin with 'LOGG')")
+        case _ if file.suffix.lower() == ".bag":
+            raise fault(file, _ROS1.format(file=file, folder=file.with_suffix("")))
         case _:
             known = ", ".join(KINDS)
             raise fault(file, f"unknown kind of file '{file.suffix}': give one of {known}")

@@ -31,7 +31,9 @@ class Listed:
     unit : as the file writes it, empty where it says none.
     count : number of samples, None where the file would have to be read for it.
     place : where it stands, in the words of the format: ``column 3``, ``message 0x0D0``.
-    also : its name in full, with the bus that the log's other names are told apart by.
+    also : its name in full, with the bus that the log's other names are told apart by; or one that it had before.
+    units : units that it can have, where the format leaves it one of several.
+    quantity : words for what it is, where the format fixes it.
     """
 
     name: str
@@ -39,6 +41,8 @@ class Listed:
     count: int | None = None
     place: str = ""
     also: str = ""
+    units: tuple[str, ...] = ()
+    quantity: str = ""
 
 
 @dataclass(frozen=True)
@@ -122,7 +126,7 @@ class Source(ABC):
         return resolve(self.in_full().get(name, name), self.listed)
 
     def in_full(self) -> dict[str, str]:
-        """Names in full → names listed."""
+        """Names in full, or as they were before → names listed."""
         return {one.also: name for name, one in self.listed.items() if one.also}
 
 

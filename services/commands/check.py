@@ -9,6 +9,7 @@ from typing import Any
 
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, write_result
+from lacet.daq.sources.open_source import is_bag
 from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
 from lacet.identify.progress import Stage
 from lacet.identify.regression.instrumental_variables import fit_instruments, pairs_of
@@ -147,7 +148,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _load(args: argparse.Namespace, progress: Progress) -> tuple[Loaded, Model]:
     """The runs and the model: a study's own, or the base model for runs given one by one."""
-    folders = [path for path in args.runs if path.is_dir()]
+    folders = [path for path in args.runs if path.is_dir() and not is_bag(path)]
     if not folders:
         loaded = load(args.runs, args.rig, args.vehicle, default_filters(args.cutoff), progress, args.map, raw=True)
         model = Model.of(base_model(loaded.vehicle, loaded.reference))

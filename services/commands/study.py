@@ -11,6 +11,7 @@ from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.formats.run_files import first_files
 from lacet.daq.parts import require
+from lacet.daq.sources.open_source import is_bag
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS, LEAST_DRAWS
 from lacet.services.cache.store import FOLDER, Store
 from lacet.services.commands.progress import Line
@@ -113,7 +114,7 @@ def _new(args: argparse.Namespace, folder: Path) -> tuple[Study, tuple[str, ...]
     if args.draws < LEAST_DRAWS:
         raise UsageError(f"--draws {args.draws}: at least {LEAST_DRAWS} are needed to show p = 0.05")
     for path in (*args.use, *args.hold):
-        if not path.is_file():
+        if not path.is_file() and not is_bag(path):
             raise UsageError(f"{path}: no such file")
     filters = default_filters(args.cutoff)
     there = folder.exists()
