@@ -125,7 +125,7 @@ def _read_csv(file: Path, problems: list[str]) -> pa.Table:
         begin = stream.read(2**16)
     if b"\0" in begin:
         raise RunError(file, ["cannot be read as a table: it holds NUL bytes, so it is no text (no CSV)"])
-    encoding = encoding_of(begin)
+    encoding = encoding_of(begin) or "cp1252"
     header, _, numbers = begin.decode(encoding, "replace").partition("\n")
     # The format of spreadsheets where the decimal sign is a comma.
     separator = max(",;\t", key=header.count)

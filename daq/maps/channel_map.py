@@ -7,6 +7,7 @@ is opened. Format: ``docs/maps.md``.
 from __future__ import annotations
 
 import fnmatch
+import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -29,6 +30,7 @@ from lacet.daq.toml_reader import Reader, dotted
 from lacet.daq.units import Unit, UnitFault, read_unit
 
 FORMAT = "lacet-map 1"
+_TABLES = ("format", "run", "read", "sources", "channels")
 READ_KEYS = ("time", "time_unit", "rate", "separator", "decimal", "encoding", "header", "dbc")
 SOURCE_KEYS = ("name", "unit", "time", "delay")
 CHANNEL_KEYS = ("from", "unit", "table", "delay")
@@ -122,19 +124,14 @@ class ChannelMap:
     @classmethod
     def load(cls, path: str | Path) -> ChannelMap:
         """The map in a file. Raises MapError with every fault at once."""
-        file = Path(path)
-        try:
-            text = file.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as cause:
-            raise MapError(path, [f"cannot be read: {getattr(cause, 'strerror', None) or cause}"]) from None
-        return cls.parse(text, str(path), file.parent)
+        return cls.parse(_text(path), str(path), Path(path).parent)
 
     @classmethod
     def parse(cls, text: str, name: str = "map", folder: Path | None = None) -> ChannelMap:
         """The map of a text; files it names are in `folder`. Raises MapError with every fault at once."""
         reader = Reader(text, name, MapError, FORMAT)
         root, folder = reader.root, folder or Path()
-        reader.known(root, ("format", "run", "read", "sources", "channels"), "")
+        reader.known(root, _TABLES, "")
         metadata = _metadata(reader, folder)
         reading = _reading(reader, folder)
         sources = _sources(reader)
@@ -164,6 +161,30 @@ class ChannelMap:
         if name in self.sources:
             return self.sources[name]
         return next((s for pattern, s in self.sources.items() if fnmatch.fnmatchcase(name, pattern)), Said())
+
+
+def load_reading(path: str | Path) -> Reading:
+    """How a log is read by the `[read]` of a map, which may name no channels yet. Raises MapError with every fault."""
+    reader = Reader(_text(path), str(path), MapError, FORMAT)
+    reader.known(reader.root, _TABLES, "")
+    reading = _reading(reader, Path(path).parent)
+    reader.finish()
+    return reading
+
+
+def reading_text(reading: Reading) -> str:
+    """The table ``[read]`` of a map; empty where nothing is said."""
+    values = {key: getattr(reading, key) for key in READ_KEYS}
+    values["dbc"] = [str(file.resolve()) for file in reading.dbc]
+    lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in values.items() if value]
+    return "\n".join(["[read]", *lines]) + "\n" if lines else ""
+
+
+def _text(path: str | Path) -> str:
+    try:
+        return Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as cause:
+        raise MapError(path, [f"cannot be read: {getattr(cause, 'strerror', None) or cause}"]) from None
 
 
 def _metadata(reader: Reader, folder: Path) -> dict[str, str]:

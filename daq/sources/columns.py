@@ -11,11 +11,12 @@ import numpy as np
 from lacet.daq.sources.source import Array
 from lacet.daq.units import is_unit, read_unit
 
-_BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]]{1,24})[\])]\s*$")
+_BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[(［（](?P<unit>[^\[\]［］]{1,24})[\])］）]\s*$")
 _IN = re.compile(r"^(?P<name>.*\S)\s+(?:in|en)\s+(?P<unit>\S{1,12})$")
 _TIME = re.compile(
     r"^(t|time|times|time[ _-]?stamp|zeit|zeitstempel|temps|tiempo|tempo|tid|sec|secs|second|seconds|elapsed|epoch|"
-    r"(elapsed|log|abs|rel|date|index|utc|gps|local|system)[ _/-]?time|time[ _-]?of[ _-]?day|clock|uhrzeit|utc)"
+    r"(elapsed|log|abs|rel|date|index|utc|gps|local|system)[ _/-]?time|time[ _-]?of[ _-]?day|clock|uhrzeit|utc|"
+    r"(経過|計測)?(時間|時刻)|タイム(スタンプ)?)"
     r"(?:[ _.]?(?P<unit>s|sec|ms|us|µs|ns))?$",
     re.IGNORECASE,
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import re
@@ -40,6 +41,14 @@ _CLOCK = re.compile(
 )
 _TWELVE = re.compile(r"(?P<before>.*?)(?P<hour>\d{1,2})(?P<rest>:\d\d[\d:.,]*)\s*(?P<half>[AP])\.?M\.?", re.IGNORECASE)
 """A time of a clock of twelve hours."""
+_JAPANESE = re.compile(rb"(?:[\x81-\x9f][\x40-\x7e\x80-\xfc]){2}")
+"""Two characters of cp932 in a row, of the kana and the usual kanji; in cp1252 two signs, each before a letter."""
+_ZEROS = 0.4
+"""Part of every second byte that is zero, at least, in UTF-16 of mostly Latin letters."""
+_SAY_ENCODING = (
+    'Say it in the map, [read] encoding = "cp932" (Japanese), "gb18030" (Chinese), "cp1251" (Cyrillic), "cp1250", …; '
+    "lacet map --guess takes a map of these two lines with --read"
+)
 _SHOWN = 5
 """Columns that a note names."""
 
@@ -154,7 +163,11 @@ class CsvTable(Source):
                         yield fresh
                         rows += fresh.num_rows
                 return
-            except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
+            except UnicodeDecodeError as cause:
+                why = f"{cause.reason} in {cause.encoding}" if cause.encoding != "charmap" else str(cause)
+                says = f"behind line {self.form.first + rows}: no text in {self.form.encoding} ({why}). {_SAY_ENCODING}"
+                raise fault(self.path, says) from None
+            except (pa.ArrowException, OSError) as cause:
                 if as_text or "conversion error" not in str(cause):
                     raise fault(self.path, f"behind line {self.form.first + rows}: {_said(cause)}") from None
                 as_text = True
@@ -250,9 +263,13 @@ def find_form(path: Path, reading: Reading) -> Form:
 def form_of(begin: bytes, path: Path, reading: Reading) -> Form:
     """The form of a text table by its beginning; `path` is for messages. Raises RunError in words where it is none."""
     encoding = reading.encoding or encoding_of(begin)
+    if not encoding:
+        raise fault(path, f"its letters are in an encoding that is not recognized. {_SAY_ENCODING}")
     if b"\0" in begin and not encoding.startswith("utf-16"):
         raise fault(path, "this is no text table: it holds NUL bytes")
     lines = _text_of(begin, path, encoding).splitlines()
+    if reading.encoding and not _can_be(begin, encoding):
+        raise fault(path, f"this is no text in {encoding}. {_SAY_ENCODING}")
     if len(begin) == _HEAD:
         lines = lines[:-1]
     lines = lines[:_LINES]
@@ -352,15 +369,29 @@ def _are_grouped(cells: list[str], decimal: str) -> bool:
 
 
 def encoding_of(begin: bytes) -> str:
-    """Encoding of a text of which this is the beginning: by its mark, else UTF-8 where it can be, else cp1252."""
+    """Encoding of a text of which this is the beginning; empty where it is none of those that are known by their bytes.
+
+    By its mark, or zero bytes beside Latin letters (UTF-16); else UTF-8 where it can be, cp932 (Shift-JIS) where it has
+    Japanese words in it, or cp1252.
+    """
     for mark, encoding in ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16")):
         if begin.startswith(mark):
             return encoding
+    for start, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
+        zeros = begin[start::2].count(0)
+        if zeros > _ZEROS * len(begin[start::2]) and zeros == begin.count(0):
+            return encoding
+    japanese = ("cp932",) if _JAPANESE.search(begin) else ()
+    return next((one for one in ("utf-8", *japanese, "cp1252") if _can_be(begin, one)), "")
+
+
+def _can_be(begin: bytes, encoding: str) -> bool:
+    """Whether bytes are the beginning of a text in an encoding; a character may be cut at the end."""
     try:
-        begin[: -4 if len(begin) == _HEAD else None].decode("utf-8")
+        codecs.getincrementaldecoder(encoding)().decode(begin)
     except UnicodeDecodeError:
-        return "cp1252"
-    return "utf-8"
+        return False
+    return True
 
 
 def _decoded(path: Path, encoding: str) -> str:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import math
+from dataclasses import replace
 from pathlib import Path
 
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, write_result
-from lacet.daq.maps.channel_map import ChannelMap
+from lacet.daq.maps.channel_map import load_reading, reading_text
 from lacet.daq.maps.guess import ACCEPTED, guess, map_text
 from lacet.daq.sources.open_source import opened
 from lacet.daq.sources.source import Reading
@@ -28,10 +29,12 @@ What is below {ACCEPTED} is written as a comment, unless it is accepted with --a
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("--guess", metavar="FILE", type=Path, required=True, help="log of another system")
+    parser.add_argument(
+        "--guess", metavar="FILE", type=Path, required=True, help="log of another system, or the folder of a ROS 2 bag"
+    )
     parser.add_argument("-o", "--output", metavar="MAP", type=Path, help="write the map proposed")
     parser.add_argument("--dbc", metavar="FILE", type=Path, action="append", default=[], help="a bus's file")
-    parser.add_argument("--read", metavar="MAP", type=Path, help="a map whose [read] says how the log is read")
+    parser.add_argument("--read", metavar="MAP", type=Path, help="a map, or its [read] alone: how the log is read")
     parser.add_argument("--accept", action="store_true", help=f"use proposals below {ACCEPTED}, too")
     parser.add_argument("--force", action="store_true", help="replace MAP if it exists")
 
@@ -43,7 +46,8 @@ def run(args: argparse.Namespace) -> int:
     for file in args.dbc:
         if not file.is_file():
             raise UsageError(f"--dbc {file}: no such file")
-    reading = ChannelMap.load(args.read).reading if args.read else Reading(dbc=tuple(args.dbc))
+    reading = load_reading(args.read) if args.read else Reading()
+    reading = replace(reading, dbc=(*reading.dbc, *args.dbc))
     with opened(args.guess, reading) as source:
         found = guess(source)
         notes = list(source.notes)
@@ -61,10 +65,9 @@ def run(args: argparse.Namespace) -> int:
     below = "accepted" if args.accept else "comments in the map; --accept uses them"
     print(f"{len(found)} names: {likely} columns proposed at {ACCEPTED} or above, {open_} below ({below})")
     if args.output is not None:
-        dbc = [str(file.resolve()) for file in args.dbc]
         text = map_text(found, args.guess.name, args.accept)
-        if dbc:
-            text = text.replace("\n\n", "\n\n[read]\ndbc = [" + ", ".join(f'"{one}"' for one in dbc) + "]\n\n", 1)
+        if read := reading_text(reading):
+            text = text.replace("\n\n", f"\n\n{read}\n", 1)
         args.output.write_text(text, encoding="utf-8")
         print(f"map: {args.output}")
     result = [

@@ -168,3 +168,36 @@ def test_a_column_is_known_as_the_time_by_its_name(tmp_path: Path, name: str) ->
 def test_a_name_that_only_begins_as_one_is_no_time(tmp_path: Path, name: str) -> None:
     source = opened(tmp_path, f"a,{name}\n1,5.0\n2,5.1\n3,5.2\n")
     assert name in source.listed
+
+
+JAPANESE = "時間[s],横加速度[m/s2],車速［km/h］\n0,1.5,-2\n0.01,1.75,-2.5\n0.02,2,-3.25\n"
+
+
+@pytest.mark.parametrize("encoding", ["cp932", "shift_jis", "utf-8", "utf-16", "utf-16-le", "utf-16-be"])
+def test_japanese_tables_are_read_in_the_encodings_they_are_written_in(tmp_path: Path, encoding: str) -> None:
+    source = opened(tmp_path, JAPANESE, encoding)
+    assert [(one.name, one.unit) for one in source.listed.values()] == [("横加速度", "m/s2"), ("車速", "km/h")]
+    np.testing.assert_allclose(read_all(source, ["車速"])["車速"].values, [row[2] for row in ROWS])
+    assert source.notes == []
+
+
+@pytest.mark.parametrize("names", [
+    "Längsbeschl [m/s²],Öldruck", "Winkel [°],Ölstände für Müller", "l’accélération,Vitesse – été", "“Größe”,ÄÖÜß äöü",
+    "Température,Débattement", "Aceleración,Año", "Ä,ü",
+])  # fmt: skip
+def test_a_table_of_western_europe_is_not_taken_for_japanese(tmp_path: Path, names: str) -> None:
+    text = f"t,{names}\n0,1.5,-2\n0.01,1.75,-2.5\n0.02,2,-3.25\n"
+    source = opened(tmp_path, text, "cp1252")
+    assert source.form.encoding == "cp1252"  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(("text", "written", "asked"), [
+    (JAPANESE, "cp932", "cp1252"), (JAPANESE, "utf-8", "ascii"),
+    ("t,Direction française\n0,1\n0.1,2\n0.2,3\n", "mac_roman", ""),
+])  # fmt: skip
+def test_an_encoding_that_does_not_fit_is_said_with_the_remedy(
+    tmp_path: Path, text: str, written: str, asked: str
+) -> None:
+    (tmp_path / "log.csv").write_bytes(text.encode(written))
+    with pytest.raises(RunError, match=r'\[read\] encoding = "cp932"'):
+        open_source(tmp_path / "log.csv", Reading(encoding=asked, time="t"))
