@@ -197,6 +197,8 @@ def _quantity(about: Guess, meaning: Meaning, series: Series, stated: str) -> Gu
             return replace(about, column=meaning.column, probability=0.0)
         elif not 0.05 * low <= unit.factor * size <= 20.0 * high:
             probability *= 0.7
+    elif meaning.by_unit:
+        return replace(about, column=meaning.column, probability=0.0)
     else:
         fitting = [one for one in tried if low <= read_unit(one).factor * size <= high]
         said = fitting[0] if fitting else tried[0]

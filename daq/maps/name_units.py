@@ -8,6 +8,7 @@ _UNITS = {
     "deg": "deg", "rad": "rad", "mrad": "mrad", "grad": "deg",
     "degps": "deg/s", "degs": "deg/s", "deg_s": "deg/s", "dps": "deg/s",
     "radps": "rad/s", "rads": "rad/s", "rad_s": "rad/s", "rpm": "1/min", "1pmin": "1/min", "Upm": "1/min",
+    "trmin": "1/min", "tr_min": "1/min", "trpmin": "1/min",
     "kmh": "km/h", "kmph": "km/h", "kph": "km/h", "km_h": "km/h", "mps": "m/s", "ms": "m/s", "m_s": "m/s",
     "mps2": "m/s²", "ms2": "m/s²", "m_s2": "m/s²", "mpss": "m/s²", "g": "g",
     "m": "m", "cm": "cm", "mm": "mm", "N": "N", "daN": "daN", "kN": "kN", "Nm": "N·m", "kNm": "kN·m",

@@ -1,10 +1,10 @@
-"""What names of other systems mean: the usual words and abbreviations, English, German, French, Spanish and Italian."""
+"""What names of other systems mean: usual words of English, German, French, Spanish, Italian and Japanese."""
 
 from __future__ import annotations
 
 import re
 import unicodedata
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 _CORNERS = {
     "fl": "fl lf vl avg frontleft leftfront vornelinks linksvorne avantgauche delizq antsx",
@@ -52,7 +52,7 @@ _NO_MEASUREMENT = {
 _UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss"})
 _SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 _STEER = {"steer", "steering", "delta", "lenk", "spur", "toe", "braquage", "sterzo", "direccion"}
-_STROKE = re.compile("pot|damper|shock|dämpfer|daempfer|amortis")
+_STROKE = re.compile("pot|damper|shock|dämpfer|daempfer|amortis|ダンパ")
 _COMPOUND = {
     # one word for two: word → the words it stands for
     "lataccel": "acc lat", "latacc": "acc lat", "longaccel": "acc long", "lonacc": "acc lon", "longacc": "acc long",
@@ -92,16 +92,42 @@ _COMPOUND = {
     "angularvelocity": "rate", "angularvel": "rate", "angularrate": "rate", "linearacceleration": "acc",
     "linearaccel": "acc", "accelerationx": "acc x", "accelerationy": "acc y", "accelerationz": "acc z",
     "angularratex": "rate x", "angularratey": "rate y", "angularratez": "rate z", "rideh": "ground", "n": "rotation",
+    "vit": "speed", "fahrbahnabstand": "ground", "fahrbahn": "ground", "raddrehwinkel": "wheel angle",
+    "antriebsmoment": "drive moment", "bremsmoment": "brake moment", "antrieb": "drive", "antriebs": "drive",
+    "brems": "brake", "halfshaft": "drive", "driveshaft": "drive", "shaft": "drive", "seitenwelle": "drive",
+    "gelenkwelle": "drive",
 }  # fmt: skip
+
+_JAPANESE = {
+    "左前輪": "fl", "右前輪": "fr", "左後輪": "rl", "右後輪": "rr", "前左輪": "fl", "前右輪": "fr", "後左輪": "rl",
+    "後右輪": "rr", "左前": "fl", "右前": "fr", "左後": "rl", "右後": "rr", "前左": "fl", "前右": "fr", "後左": "rl",
+    "後右": "rr", "ヨー": "yaw", "ロール": "roll", "ピッチ": "pitch", "レイト": "rate", "レート": "rate",
+    "指令": "command", "目標": "target", "角速度": "rate", "加速度": "acc",
+    "前後": "x", "左右": "y", "横": "y", "上下": "z", "輪荷重": "force z", "接地荷重": "force z",
+    "荷重": "force z", "力": "force", "モーメント": "moment", "トルク": "moment", "回転速度": "rotation",
+    "回転数": "rotation", "車輪速度": "wheel speed", "車輪速": "wheel speed", "車輪": "wheel", "車速": "speed",
+    "速度": "speed", "操舵角": "swa", "ハンドル角": "swa", "ステアリング角": "swa", "操舵トルク": "swa moment",
+    "舵角": "steer", "キャンバー": "camber", "キャンバ": "camber", "車高": "ground", "対地": "ground", "路面": "ground",
+    "ダンパー": "damper", "ダンパ": "damper", "ストローク": "travel", "ブレーキ液圧": "brake pressure",
+    "ブレーキ圧": "brake pressure", "ブレーキ": "brake", "制動": "brake", "駆動": "drive", "圧力": "pressure",
+    "液圧": "pressure", "エンジン": "engine", "アクセル開度": "throttle", "スロットル": "throttle", "緯度": "latitude",
+    "経度": "longitude", "高度": "altitude", "方位": "course", "角": "angle", "輪": "wheel",
+}  # fmt: skip
+_JAPANESE_WORD = re.compile("|".join(sorted(_JAPANESE, key=len, reverse=True)))
+"""Any of them, a longer one before those that are parts of it."""
 
 
 @dataclass(frozen=True)
 class Meaning:
-    """A column that a name could mean: how well the words fit, 0 to 1, and whether its sign is a convention."""
+    """A column that a name could mean: how well the words fit, 0 to 1, and whether its sign is a convention.
+
+    `by_unit` : only a unit that the log says makes it possible.
+    """
 
     column: str
     words: float
     signed: bool = True
+    by_unit: bool = False
 
 
 _KNOWN = frozenset(
@@ -127,6 +153,8 @@ def _parts(word: str) -> list[str]:
 def words_of(name: str) -> tuple[list[str], str]:
     """The words of a name in the lexicon's form, and the corner among them, empty for none."""
     plain = unicodedata.normalize("NFC", name.replace("_", " ")).translate(_UMLAUTS)
+    if not plain.isascii():
+        plain = _JAPANESE_WORD.sub(lambda word: f" {_JAPANESE[word[0]]} ", unicodedata.normalize("NFKC", plain))
     plain = unicodedata.normalize("NFKD", plain).encode("ascii", "ignore").decode()
     raw = [part for run in _SPLIT.findall(plain) for part in _parts(run.lower())]
     corner, kept = "", list[str]()
@@ -177,8 +205,8 @@ def meanings(name: str, quantity: str = "") -> list[Meaning]:
 def _of_words(have: set[str], corner: str, name: str) -> list[Meaning]:
     out: list[Meaning] = []
 
-    def add(column: str, words: float, signed: bool = True) -> None:
-        out.append(Meaning(column.format(c=corner), words, signed))
+    def add(column: str, words: float, signed: bool = True, by_unit: bool = False) -> None:
+        out.append(Meaning(column.format(c=corner), words, signed, by_unit))
 
     axis = next((a for a, words in (("x", _X), ("y", _Y), ("z", _Z)) if words & have), "")
     if corner:
@@ -198,7 +226,11 @@ def _of_words(have: set[str], corner: str, name: str) -> list[Meaning]:
             add("camera.{c}.steer", 0.95)
         elif {"angle", "phi"} & have:
             add("wheel.{c}.angle", 0.95 if "wheel" in have else 0.9, False)
-        if "ground" in have:
+        if "moment" in have and not axis:
+            for part, column in (("brake", "brake.{c}.torque"), ("drive", "shaft.{c}.torque")):
+                if part in have:
+                    add(column, 0.95)
+        if "ground" in have and "hub" not in have:
             add("laser.{c}.ground", 0.95, False)
         if "travel" in have and "force" not in have:
             if _STROKE.search(name.lower()):  # not the wheel's travel: a motion ratio lies between
@@ -216,10 +248,12 @@ def _of_words(have: set[str], corner: str, name: str) -> list[Meaning]:
     turn = next((word for word in ("roll", "pitch", "yaw") if word in have), "roll" if "phi" in have else "")
     if turn:
         rate = bool(_RATE & have) or "speed" in have
+        rate_of = "imu.rate." + {"roll": "x", "pitch": "y", "yaw": "z"}[turn]
         if rate:
-            add("imu.rate." + {"roll": "x", "pitch": "y", "yaw": "z"}[turn], 0.98)
+            add(rate_of, 0.98)
         else:
             add(f"imu.attitude.{turn}", 0.95)
+            add(rate_of, 0.93, by_unit=True)
     elif axis and _ACCEL & have:
         add(f"imu.accel.{axis}", 0.98, axis != "z")
         if "g" in have:  # gyro or g: the unit decides
@@ -248,4 +282,4 @@ def _of_words(have: set[str], corner: str, name: str) -> list[Meaning]:
         add("imu.attitude.yaw", 0.9)
     elif "course" in have:
         add("gnss.course", 0.85, False)
-    return [Meaning(m.column, 0.3 * m.words, m.signed) for m in out] if have & _NO_MEASUREMENT else out
+    return [replace(m, words=0.3 * m.words) for m in out] if have & _NO_MEASUREMENT else out

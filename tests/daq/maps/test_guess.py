@@ -184,6 +184,67 @@ def test_words_of_a_name_are_found_also_where_they_are_written_as_one(name: str,
     assert meanings(name)[0].column == column
 
 
+@pytest.mark.parametrize(("name", "column"), [
+    ("Fahrbahnabstand_VL", "laser.fl.ground"), ("Raddrehwinkel_HR", "wheel.rr.angle"),
+    ("Antriebsmoment_VL", "shaft.fl.torque"), ("Bremsmoment_HL", "brake.rl.torque"),
+    ("HalfShaftTorque_FR", "shaft.fr.torque"),
+    ("Vit_Roulis", "imu.rate.x"), ("Vit_Lacet", "imu.rate.z"), ("VitRoue_AVG", "wheel.fl.speed"),
+    ("Hauteur_ARD", "laser.rr.ground"), ("HauteurMoyeu_ARD", "laser.rr.hub"), ("IMU.AngularVelocity.X", "imu.rate.x"),
+    ("左前輪_前後力", "wheel.fl.force.x"), ("右後輪_横力", "wheel.rr.force.y"), ("左後輪荷重", "wheel.rl.force.z"),
+    ("右前輪_モーメントZ", "wheel.fr.moment.z"), ("左前輪_回転速度", "wheel.fl.speed"), ("左前車高", "laser.fl.ground"),
+    ("右前輪_ストローク", "suspension.fr.travel"), ("左前輪ダンパストローク", "damper.fl.travel"),
+    ("左前輪_舵角", "camera.fl.steer"), ("キャンバ角_右前", "camera.fr.camber"), ("前後加速度", "imu.accel.x"),
+    ("横加速度", "imu.accel.y"), ("上下加速度", "imu.accel.z"), ("ヨーレート", "imu.rate.z"), ("ﾛｰﾙﾚｰﾄ", "imu.rate.x"),
+    ("ピッチ角速度", "imu.rate.y"), ("ロール角", "imu.attitude.roll"), ("ピッチ", "imu.attitude.pitch"),
+    ("車速", "car.speed"), ("横速度", "correvit.speed.y"), ("操舵角", "steering.angle"),
+    ("ハンドル角", "steering.angle"),
+    ("操舵トルク", "steering.torque"), ("ブレーキ液圧", "brake.pressure"), ("エンジン回転数", "engine.speed"),
+    ("左前輪制動トルク", "brake.fl.torque"), ("アクセル開度", "engine.throttle"),
+])  # fmt: skip
+def test_german_french_and_japanese_words(name: str, column: str) -> None:
+    assert meanings(name)[0].column == column
+
+
+@pytest.mark.parametrize(
+    "name", ["横滑り角", "舵角", "出力", "電圧", "時刻", "燃料圧力", "エンジントルク", "Fahrbahnreibwert_VL"]
+)
+def test_other_words_of_them_mean_no_channel(name: str) -> None:
+    assert meanings(name) == []
+
+
+def test_a_wanted_speed_is_hardly_the_car_s() -> None:
+    assert meanings("目標車速")[0].words < 0.5
+
+
+@pytest.mark.parametrize(
+    ("unit", "column"), [("deg/s", "imu.rate.x"), ("deg", "imu.attitude.roll"), ("", "imu.attitude.roll")]
+)
+def test_the_unit_decides_between_an_angle_and_its_rate(tmp_path: Path, unit: str, column: str) -> None:
+    t = np.arange(0.0, 10.0, 0.01)
+    table = np.column_stack([t, 3.0 * np.sin(t)])
+    np.savetxt(tmp_path / "a.csv", table, "%.6f", ",", header=f"t,Roulis [{unit}]", comments="")
+    with opened(tmp_path / "a.csv") as source:
+        assert [one.column for one in guess(source)] == [column]
+
+
+def test_a_map_that_says_only_how_to_read_is_enough_to_guess_and_goes_into_the_map_proposed(tmp_path: Path) -> None:
+    t = np.arange(0.0, 10.0, 0.01)
+    np.savetxt(tmp_path / "a.csv", np.column_stack([t, 5 + t]), "%.3f", ",", header="秒,車速[km/h]", comments="",
+               encoding="euc_jp")  # fmt: skip
+    read = tmp_path / "read.toml"
+    read.write_text('format = "lacet-map 1"\n[read]\nencoding = "euc_jp"\ntime = "秒"\n', encoding="utf-8")
+    out = tmp_path / "map.toml"
+    assert main(["map", "--guess", str(tmp_path / "a.csv"), "--read", str(read), "-o", str(out)]) == 0
+    proposed = ChannelMap.load(out)
+    assert (proposed.reading.encoding, proposed.reading.time, list(proposed.channels)) == (
+        "euc_jp",
+        "秒",
+        ["car.speed"],
+    )
+    read.write_text('format = "lacet-map 1"\n[read]\nencodng = "euc_jp"\n', encoding="utf-8")
+    assert main(["map", "--guess", str(tmp_path / "a.csv"), "--read", str(read)]) == 2
+
+
 @pytest.mark.parametrize("name", ["time", "lapdist", "relay", "gear", "clutch", "Battery Voltage", "tirepressure_fl"])
 def test_a_name_of_other_words_means_no_channel(name: str) -> None:
     assert meanings(name) == []
@@ -209,7 +270,8 @@ def test_a_unit_that_no_meaning_of_the_name_can_have_leaves_it_without_a_proposa
     ("Lenkwinkel_HL_deg", "camera.rl.steer", "deg"), ("Geschw_quer_kmph", "correvit.speed.y", "km/h"),
     ("yaw_rate_deg_s", "imu.rate.z", "deg/s"), ("Fz_FL_N", "wheel.fl.force.z", "N"),
     ("Accel Y [g]", "imu.accel.y", "g"), ("Drehzahl.VL.1pmin", "wheel.fl.speed", "1/min"),
-    ("GyroZ_degs", "imu.rate.z", "deg/s"), ("Raddrehzahl_VL_mm", "wheel.fl.speed", "rad/s"),
+    ("GyroZ_degs", "imu.rate.z", "deg/s"), ("VitRoue_AVG_trmin", "wheel.fl.speed", "1/min"),
+    ("Raddrehzahl_VL_mm", "wheel.fl.speed", "rad/s"),
     ("Raddrehzahl_VR_Rad", "wheel.fr.speed", "rad/s"), ("My_FR_n", "wheel.fr.moment.y", "kN·m"),
 ])  # fmt: skip
 def test_a_name_may_end_in_its_unit(tmp_path: Path, name: str, column: str, unit: str) -> None:
