@@ -17,6 +17,7 @@ from lacet.daq.maps.behaviour import ANGLES, RATE, Car, on_grid
 from lacet.daq.maps.channel_map import FORMAT
 from lacet.daq.maps.name_units import unit_at_end
 from lacet.daq.maps.names import written_name
+from lacet.daq.maps.quaternions import attitudes
 from lacet.daq.maps.resolution import ALONE
 from lacet.daq.maps.words import Meaning, meanings
 from lacet.daq.sources.source import Array, Listed, Series, Source
@@ -45,6 +46,8 @@ _UNSEEN_SIGN = 0.8
 """Probability that a sign whose test the log does not allow is the vocabulary's."""
 _STILL = 0.8
 """Factor for a name whose values stand still: it could be anything."""
+_QUATERNION = 0.95
+"""Probability that the angles of a measured orientation are the car's attitude."""
 _LIKELY = 0.5
 """Probability of a name that moves from which names that stand still do not claim the same column."""
 _TYRE_RADIUS = "0.31 m"
@@ -96,6 +99,10 @@ def guess(source: Source) -> list[Guess]:
         )
         if meaning is not None and found.probability > 0.0:
             claims.setdefault(found.column, []).append((found.probability, found, meaning))
+    angles = attitudes(source.listed, series)
+    for name, (column, expression, _) in angles.items():
+        found = replace(out[name], column=column, expression=expression, probability=_QUATERNION)
+        claims.setdefault(column, []).append((_QUATERNION, found, Meaning(column, _QUATERNION)))
     chosen: dict[str, tuple[Guess, Meaning]] = {}
     for column, several in claims.items():
         several.sort(key=lambda claim: -claim[0])
@@ -105,7 +112,8 @@ def guess(source: Source) -> list[Guess]:
         best, rival = several[0], several[1][0] if len(several) > 1 else 0.0
         share = best[0] / (best[0] + rival) if rival > 0.5 * best[0] else 1.0
         chosen[column] = (replace(best[1], probability=best[0] * share), best[2])
-    for column, proposal in _signed(chosen, series).items():
+    signed = _signed(chosen, series | {name: made for name, (_, _, made) in angles.items()})
+    for column, proposal in signed.items():
         out[proposal.name] = replace(proposal, column=column)
     return list(out.values())
 

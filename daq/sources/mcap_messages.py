@@ -85,7 +85,7 @@ class McapMessages(Source):
                 summary = reader.get_summary()
             topics = [c.topic for c in summary.channels.values()] if summary else None
             chosen = None if topics is None else [t for t in topics if _topic(t) in wanted]
-            messages = iter(reader.iter_messages(topics=chosen)) if chosen is None or chosen else iter(())
+            messages: Iterator[Any] = iter(reader.iter_messages(topics=chosen)) if chosen != [] else iter(())
             while True:
                 with read_by_library(file, f"behind message {read}"):
                     found = next(messages, None)

@@ -23,7 +23,7 @@ FIELDS: dict[str, dict[str, FieldMeaning]] = {
     "geometry_msgs/Transform": {"translation": _M, "rotation": _PLAIN},
     "sensor_msgs/Imu": {
         "linear_acceleration": FieldMeaning(("m/s²",), "acc"), "angular_velocity": FieldMeaning(("rad/s",), "rate"),
-        "orientation": _PLAIN,
+        "orientation": FieldMeaning(("-",), "quaternion"),
     },
     "sensor_msgs/JointState": {  # of a joint that turns, or slides
         "position": FieldMeaning(("rad", "m"), "angle"), "velocity": FieldMeaning(("rad/s", "m/s"), "velocity"),

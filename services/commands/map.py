@@ -26,6 +26,9 @@ List every name of a log with its unit, rate and range, and propose which channe
 
 What is below {ACCEPTED} is written as a comment, unless it is accepted with --accept. Docs: own-log.md."""
 
+_WIDEST = 60
+"""Letters of an expression in the table."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -53,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         notes = list(source.notes)
     rows = [
         [one.name, one.unit or "–", f"{one.rate:.4g}", _number(one.low), _number(one.high), one.column,
-         one.expression + (f" [{one.said_unit}]" if one.said_unit else ""),
+         _short(one.expression) + (f" [{one.said_unit}]" if one.said_unit else ""),
          f"{one.probability:.2f}" if one.column else ""]
         for one in found
     ]  # fmt: skip
@@ -77,6 +80,11 @@ def run(args: argparse.Namespace) -> int:
     ]  # fmt: skip
     write_result(args.json, "map", {"file": args.guess, "names": result, "map": args.output, "notes": notes})
     return DONE
+
+
+def _short(expression: str) -> str:
+    """An expression as the table has it; the map and the result have all of it."""
+    return expression if len(expression) <= _WIDEST else expression[: _WIDEST - 1] + "…"
 
 
 def _number(value: float) -> str:

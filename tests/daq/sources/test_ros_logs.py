@@ -6,11 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from lacet.daq.errors import RunError
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.maps.channel_map import ChannelMap
 from lacet.daq.maps.guess import ACCEPTED, Guess, guess
+from lacet.daq.maps.mapped_run import mapped_run
 from lacet.daq.sources.open_source import open_source, opened
 from lacet.daq.sources.source import read_all
 from lacet.services.workspace.import_log import import_logs
@@ -36,6 +38,8 @@ def drive(first: float, last: float) -> Messages:
             out.append((f"/wheel_load/{c}", WRENCH, float(t[i]), {"wrench": wrench}))
             out.append((f"/laser/{c}/ground", RANGE, float(t[i]), {"range": float(at[f"laser.{c}.ground"][0])}))
         moved = {"angular_velocity": vector(*at["imu.rate"]), "linear_acceleration": vector(*at["imu.accel"])}
+        x, y, z, w = Rotation.from_euler("ZYX", at["imu.attitude"][::-1]).as_quat()
+        moved["orientation"] = {"x": float(x), "y": float(y), "z": float(z), "w": float(w)}
         out.append(("/imu/data_raw", IMU, float(t[i]), moved))
         linear = vector(*at["correvit.speed"], 0.0)
         out.append(("/correvit", TWIST, float(t[i]), {"twist": {"linear": linear}}))
@@ -77,7 +81,10 @@ def test_a_message_s_type_says_the_units_of_its_fields(proposed: dict[str, Guess
     ("imu/data_raw.linear_acceleration.x", "imu.accel.x", False),
     ("imu/data_raw.linear_acceleration.y", "imu.accel.y", True),
     ("imu/data_raw.angular_velocity.x", "imu.rate.x", True),
-    ("imu/data_raw.angular_velocity.y", "imu.rate.y", False),
+    ("imu/data_raw.angular_velocity.y", "imu.rate.y", True),
+    ("imu/data_raw.orientation.x", "imu.attitude.roll", True),
+    ("imu/data_raw.orientation.y", "imu.attitude.pitch", True),
+    ("imu/data_raw.orientation.z", "imu.attitude.yaw", True),
     ("imu/data_raw.angular_velocity.z", "imu.rate.z", True),
     ("correvit.twist.linear.x", "correvit.speed.x", True),
     ("wheel_load/fl.wrench.force.y", "wheel.fl.force.y", True),
@@ -96,6 +103,14 @@ def test_and_what_they_are(proposed: dict[str, Guess], name: str, column: str, s
     one = proposed[name]
     assert (one.column, one.expression.startswith("-")) == (column, False)
     assert (one.probability >= ACCEPTED) == sure
+
+
+def test_the_angles_of_an_orientation_are_made_of_its_quaternion(log: Path, proposed: dict[str, Guess]) -> None:
+    lines = [f'"{one.column}" = "{one.expression}"' for one in proposed.values() if "attitude" in one.column]
+    run = mapped_run([log], ChannelMap.parse('format = "lacet-map 1"\n[channels]\n' + "\n".join(lines)))
+    expected = piece("sine", 5.0, 25.0).signals["imu.attitude"].values[::4]
+    np.testing.assert_allclose(run.signals["imu.attitude"].values, expected, atol=1e-9)
+    assert not run.problems
 
 
 def test_joints_are_named_and_a_map_with_their_numbers_is_still_read(log: Path, tmp_path: Path) -> None:
