@@ -137,8 +137,7 @@ class Car:
         """The part of a pitch rate, as recorded, by which the pitch angle changes; None where it cannot be known."""
         if not {"imu.attitude.roll", "imu.rate.z"} <= set(self.columns):
             return None
-        size = float(np.nanstd(self.columns["imu.rate.z"] * np.sin(self.columns["imu.attitude.roll"])))
-        if size < LEAST_CARRIED:
+        if enough(self.columns["imu.rate.z"] * np.sin(self.columns["imu.attitude.roll"]), LEAST_CARRIED) is None:
             return rate
         carried, sign = self._carried(), self.signs.get("imu.rate.y", (1, 0.0))
         return None if carried is None or sign[1] < SURE else rate - sign[0] * carried
@@ -168,7 +167,7 @@ class Car:
         for column in ("correvit.speed.x", "car.speed", "gnss.speed"):
             if column in self.columns:
                 series = self.columns[column]
-                return series if np.nanmean(series) > 0.0 else -series
+                return -series if np.nansum(series) < 0.0 else series
         wheels = [self.columns[f"wheel.{c}.speed"] for c in CORNERS if f"wheel.{c}.speed" in self.columns]
         return np.abs(np.mean(wheels, axis=0)) if wheels else None
 

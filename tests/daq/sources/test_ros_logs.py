@@ -15,6 +15,7 @@ from lacet.daq.maps.guess import ACCEPTED, Guess, guess
 from lacet.daq.maps.mapped_run import mapped_run
 from lacet.daq.sources.open_source import open_source, opened
 from lacet.daq.sources.source import read_all
+from lacet.services.commands.__main__ import main
 from lacet.services.workspace.import_log import import_logs
 from tests.support.ros_logs import Messages, vector, write_ros2
 from tests.support.tables import piece
@@ -181,3 +182,14 @@ def test_a_bag_of_another_kind_is_refused_with_the_remedy(tmp_path: Path, name: 
 def test_a_folder_that_is_no_bag_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RunError, match=r"a folder is read only where it is a ROS 2 bag \(metadata.yaml in it\)"):
         open_source(tmp_path)
+
+
+def test_commands_take_the_folder_of_a_bag_as_a_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Not as a study's folder, nor as a file that is not there."""
+    folder, study = str(bag(tmp_path / "car", drive(5.0, 5.5), 5.2)), str(tmp_path / "study")
+    for words in (["check", folder], ["study", "new", study, "--use", folder], ["info", folder]):
+        assert main(words) == 2
+        assert "this is a ROS 2 bag" in capsys.readouterr().err
+    assert main(["map", "--guess", folder, "-o", str(tmp_path / "map.toml")]) == 0
+    assert main(["info", folder, "--map", str(tmp_path / "map.toml")]) in (0, 3)
+    assert "car: 0.5 s" in capsys.readouterr().out
