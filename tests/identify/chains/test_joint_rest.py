@@ -13,7 +13,7 @@ from lacet.identify.chains.verdicts import ChainVerdict, verdict_of
 from lacet.identify.multibody.chain import Chain
 from lacet.services.library.chains import identify_chain
 from tests.identify.chains.arms import ARM, RATE, record
-from tests.identify.chains.test_named_laws import found, of
+from tests.identify.chains.test_named_laws import found, leaning, of
 
 COUNT = 400
 """Equations of each of two joints."""
@@ -70,6 +70,36 @@ def test_what_laws_may_be_inexact_by_is_no_rest():
     assert remaining(NOISE + at(0, 10.0 * LAW + 3.0 * UNKNOWN), a=at(0, LAW)).unlisted.tolist() == [True, False]
     rest = rest_of({}, NOISE + at(0, UNKNOWN), JOINT, np.full(2, float(COUNT)), np.full(2, 2.0 * COUNT), np.zeros(2))
     assert not rest.unlisted.any()
+
+
+def test_what_is_hardly_above_the_floor_or_less_than_the_user_asks_for_is_no_rest():
+    """1.03 times the floor; and a rest of half the effect size."""
+    floor, none = np.full(2, float(COUNT)), np.zeros(2)
+    residual = np.sqrt(floor[0] / np.sum(at(0, NOISE) ** 2)) * NOISE
+    assert not rest_of({}, 1.03 * residual, JOINT, floor, none, none).unlisted[0]
+    assert rest_of({}, 1.1 * residual, JOINT, floor, none, none).unlisted[0]
+    rest = NOISE + at(0, 2.0 * UNKNOWN)
+    assert rest_of({}, rest, JOINT, floor, none, np.full(2, 2.0 * COUNT)).unlisted[0]
+    assert not rest_of({}, rest, JOINT, floor, none, np.full(2, 8.0 * COUNT)).unlisted[0]
+
+
+def test_of_two_laws_that_look_alike_the_one_that_explains_more_stands():
+    """Beside each other each explains less than the rest."""
+    like = at(0, LAW + 0.5 * OTHER)
+    rest = remaining(NOISE + at(0, 4.0 * UNKNOWN + 8.0 * LAW), a=at(0, LAW), b=like)
+    assert rest.standing == ("a",)
+
+
+def test_without_a_name_nothing_stands_in_for_one(monkeypatch: pytest.MonkeyPatch):
+    """Laws found that are no names, and those that they would explain, are undecided."""
+    plain = leaning(0.06)
+    answers = {one.answer for one in plain.rank().candidates}
+    assert {JointAnswer.MISSING, JointAnswer.STANDS_IN} <= answers
+    nothing = JointRest((), np.ones(4), np.zeros(4, bool))
+    monkeypatch.setattr("lacet.identify.chains.ranking.rest_of", lambda *_: nothing)
+    answers = {one.answer for one in plain.rank().candidates}
+    assert JointAnswer.UNDECIDED in answers
+    assert not {JointAnswer.MISSING, JointAnswer.STANDS_IN} & answers
 
 
 def test_where_gravity_is_given_another_way_something_unlisted_remains():
