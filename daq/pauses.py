@@ -17,12 +17,17 @@ Span = tuple[float, float]
 """Last sample before a pause and first one after it [s]."""
 
 
+def longest_step(usual: float) -> float:
+    """Longest step between samples that is no pause [s]; `usual` : the usual period [s]."""
+    return max(LEAST, PERIODS * usual)
+
+
 def pauses(t: NDArray[np.float64], usual: float | None = None) -> list[Span]:
     """Pauses between stamps `t` (N,) [s]; `usual` : the usual period [s], by default the median of these."""
     if len(t) < 2:
         return []
     steps = np.diff(t)
-    longest = max(LEAST, PERIODS * (float(np.median(steps)) if usual is None else usual))
+    longest = longest_step(float(np.median(steps)) if usual is None else usual)
     return [(float(t[i]), float(t[i + 1])) for i in np.flatnonzero(steps > longest)]
 
 

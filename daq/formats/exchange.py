@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lacet.daq.blocks import Flag
 from lacet.daq.channels import CHANNELS, COLUMNS
 from lacet.daq.errors import RunError, nearest
+from lacet.daq.pauses import longest_step
 from lacet.daq.rig import WHEEL_REFERENCES
 from lacet.daq.run import BRAKES, METADATA_KEYS, Run, Signal, signal_of
 from lacet.daq.text_source import is_file
@@ -54,6 +55,23 @@ def metadata_of(path: Path) -> dict[str, Any]:
     from lacet.daq.formats.arrow_tables import read_metadata
 
     return read_metadata(path)
+
+
+def _clock_jumps(t: NDArray[np.float64], keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(K,) kept rows before which the clock went back, or stood for as long as a pause (`daq.pauses`).
+
+    The samples on both sides are not consecutive there, whatever the stamps say. Rows that come twice are: their time
+    stands, but for no longer than the rows that were left out take, at the mean period of all rows.
+    """
+    kept = np.flatnonzero(keep)
+    stamps = t[kept]
+    back = np.zeros(len(t) + 1, np.int64)
+    # A stamp that cannot be read says nothing about the clock.
+    np.cumsum(t < np.maximum.accumulate(np.where(np.isfinite(t), t, -np.inf)), out=back[1:])
+    went_back = np.diff(back[kept], prepend=0) > 0
+    period = (stamps[-1] - stamps[0]) / max(1, len(t) - 1)
+    stood = (np.diff(kept, prepend=kept[0] - 1) - 1) * period
+    return went_back | (stood > longest_step(float(np.median(np.diff(stamps)))))
 
 
 def _beside(file: Path, named: str) -> str:
@@ -111,12 +129,14 @@ def _signals(
     keep = finite & forward
     if not np.all(keep):
         first = int(np.argmin(keep))
-        problems.append(f"{np.count_nonzero(~keep)} rows have a time that does not increase (first: row {first + 1})")
+        problems.append(
+            f"{np.count_nonzero(~keep)} rows have a time that does not increase (first: row {first + 1}) "
+            "and were left out"
+        )
     if np.count_nonzero(keep) < 2:
         return {}, ["fewer than two rows with an increasing time"]
-    # Where rows were left out the time has a gap: the samples on both sides are not consecutive.
-    jumped = np.where(np.diff(np.flatnonzero(keep), prepend=-1) > 1, np.uint8(Flag.CLOCK), np.uint8(0))
     stamps, whole = t[keep], bool(np.all(keep))
+    jumped = np.where(_clock_jumps(t, keep), np.uint8(Flag.CLOCK), np.uint8(0))
     grouped: dict[str, dict[int, NDArray[np.float64]]] = {}
     for column in list(table):
         values = table.pop(column)  # not twice in memory

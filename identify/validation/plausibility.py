@@ -285,10 +285,15 @@ def _tilting(run: PreparedRun) -> Iterator[Doubt]:
     for symptom, of, whole, axis in (
         (Symptom.ROLL_RATE_SIGN, roll, against[0], 1), (Symptom.PITCH_RATE_SIGN, pitch, against[1], 0)
     ):  # fmt: skip
-        driven = force is not None and float(np.std(force[axis, usable])) > _CORNERS
+        driven = force is not None and _deviation(force[axis, usable]) > _CORNERS
         places = tuple(place for place, alike in of.items() if driven and alike < -_ALIKE)
         if whole or places:
             yield Doubt(symptom, () if whole or len(of) == 1 else places)
+
+
+def _deviation(values: Array) -> float:
+    """Standard deviation; 0 of nothing, as where every sample of a channel is flagged."""
+    return float(np.std(values)) if values.size else 0.0
 
 
 def _turning_with(run: PreparedRun, axis: int, pairs: Mapping[str, tuple[str, str]]) -> dict[str, float]:
@@ -322,7 +327,7 @@ def _rolling_as_far(run: PreparedRun) -> Iterator[Doubt]:
     In turns the car yaws as it is pushed aside; on a rig that rolls it by its wheels it does not.
     """
     force, usable = _accel(run), _usable(run, "imu.accel", "imu.rate")
-    if force is None or "imu.rate" not in run.recording.signals.value or float(np.std(force[1, usable])) < _CORNERS:
+    if force is None or "imu.rate" not in run.recording.signals.value or _deviation(force[1, usable]) < _CORNERS:
         return
     if _slope(run.outline.omega[2][usable], force[1, usable])[1] < _ALIKE:
         return

@@ -151,6 +151,31 @@ class TestFaults:
         np.testing.assert_array_equal(run.signals["laser.fl.hub"].t, [0.0, 0.2, 0.3])
         np.testing.assert_array_equal(run.signals["laser.fl.hub"].values[:, 0], [1.0, 2.0, 6.0])
         assert any("3 rows have a time that does not increase (first: row 3)" in p for p in run.problems)
+        np.testing.assert_array_equal(run.signals["laser.fl.hub"].flags, [0, 0, Flag.CLOCK])
+
+    def test_rows_that_come_twice_leave_the_rest_usable(self, tmp_path: Path, suffix: str) -> None:
+        """One row in twenty twice, and stamps that are missing: the clock goes on, and each time is there once."""
+        rows = np.sort(np.concatenate([np.arange(2000), np.arange(0, 2000, 20)]))
+        t = 0.004 * rows
+        t[np.arange(50, 2000, 211)] = np.nan
+        run = read_table(written(tmp_path, {"t": t, "laser.fl.hub": 0.3 + 1e-4 * rows}, suffix))
+        one = run.signals["laser.fl.hub"]
+        assert one.usable.all()
+        assert len(one.t) > 1980
+        assert any("rows have a time that does not increase" in p and "left out" in p for p in run.problems)
+
+    @pytest.mark.parametrize("back", [0, 25])
+    def test_a_clock_that_stands_or_is_set_back_is_flagged_where_it_goes_on(
+        self, tmp_path: Path, suffix: str, back: int
+    ) -> None:
+        """Tens of rows have no time of their own, so that the samples on both sides are not consecutive."""
+        ticks = np.arange(1000)
+        ticks[500:] = ticks[500:] - back if back else np.maximum(ticks[500:] - 30, 499)
+        run = read_table(written(tmp_path, {"t": 0.004 * ticks, "laser.fl.hub": 0.3 + 1e-4 * np.arange(1000)}, suffix))
+        one = run.signals["laser.fl.hub"]
+        (flagged,) = np.flatnonzero(~one.usable)
+        assert one.t[flagged] == pytest.approx(0.004 * 500)
+        assert one.flags[flagged] == Flag.CLOCK
 
     @pytest.mark.parametrize(
         ("columns", "message"),
