@@ -18,7 +18,7 @@ class Flag(IntFlag):
     OK = 0
     CHECKSUM = 1  # checksum or CRC wrong: values are NaN
     GAP = 2  # by the counter, samples were lost just before this one
-    STATUS = 4  # declared invalid by the sensor: values are NaN
+    STATUS = 4  # declared invalid by the sensor: values are NaN, or a sentinel that a table holds
     INCOMPLETE = 8  # one of the sample's frames was not received: values are NaN
     RANGE = 16  # at the end of the sensor's range (saturated)
     MISSING = 32  # no value (NaN in an exchange table)

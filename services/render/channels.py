@@ -15,24 +15,15 @@ from lacet.identify.validation.channels.single_faults import (
     Suspects,
 )
 from lacet.identify.validation.channels.sizes import LeansAlike, NegativeDistance, OtherSize, SteersAgainst, TooQuiet
+from lacet.identify.validation.channels.unusable_values import NoiseAlone, RangeEnd, SentinelValue, Unusable
 from lacet.services.render.intervals import with_interval
 
 
 def sentence(found: RecordedFault) -> str:
     """A fault that the recorded values of a channel show, in one line."""
     match found:
-        case StandStill(values, start, stop) if len(values) == 1:
-            ((column, value),) = values.items()
-            return (
-                f"{column} stands still at {value:.6g} from {start:.2f} to {stop:.2f} s while others of its kind move: "
-                "the instrument or its wire is dead. Leave the channel, or these seconds, out"
-            )
-        case StandStill(values, start, stop):
-            each = ", ".join(f"{column} ({value:.6g})" for column, value in values.items())
-            return (
-                f"{len(values)} columns stand still together from {start:.2f} to {stop:.2f} s while others of their "
-                f"kind move: {each}. What reads them, or its wire, was dead. Leave the channels, or these seconds, out"
-            )
+        case StandStill() | SentinelValue() | RangeEnd() | NoiseAlone():
+            return _unusable(found)
         case Copies((first, *others)):
             one = len(others) == 1
             return (
@@ -64,6 +55,46 @@ def sentence(found: RecordedFault) -> str:
             )
         case _:
             raise AssertionError(found)
+
+
+def _unusable(found: Unusable) -> str:
+    """Samples that are no measurement, in one line."""
+    match found:
+        case SentinelValue(column, value, count, first):
+            return (
+                f"{column} is exactly {value:.6g} in {count} samples, the first at {first:.2f} s, far from all its "
+                "other values and without one between: it stands for no value. Those samples are left out"
+            )
+        case RangeEnd(column, value, highest, times, seconds, first):
+            return (
+                f"{column} is at its {'highest' if highest else 'lowest'} value {value:.6g} {times} times, over "
+                f"{seconds:.2f} s in all, the first at {first:.2f} s: its range is exceeded. Those samples are left out"
+            )
+        case NoiseAlone(column, value, variation, start, stop):
+            unit = COLUMNS[column][0].unit
+            return (
+                f"{column} has noise alone, {value:.3g} ± {variation:.2g} {unit} (1 σ), from {start:.2f} to {stop:.2f} "
+                "s while the same of the other wheels moves on: the instrument or its wire is dead. Those samples are "
+                "left out"
+            )
+        case StandStill(values, start, stop, more, left_out):
+            what = f"{start:.2f} to {stop:.2f} s" + (f", and {more} times more," if more else "")
+            many = len(values) > 1
+            remedy = (
+                "Those samples are left out" if left_out
+                else f"Leave the channel{'s' if many else ''}, or these seconds, out"
+            )  # fmt: skip
+            if many:
+                each = ", ".join(f"{column} ({value:.6g})" for column, value in values.items())
+                return (
+                    f"{len(values)} columns stand still together from {what} while others of their kind move: {each}. "
+                    f"What reads them, or its wire, was dead. {remedy}"
+                )
+            ((column, value),) = values.items()
+            return (
+                f"{column} stands still at {value:.6g} from {what} while others of its kind move: the instrument or "
+                f"its wire is dead. {remedy}"
+            )
 
 
 def from_equations(found: EquationFault) -> str:

@@ -25,6 +25,7 @@ from lacet.identify.signals.noise_level import NoiseLevel, as_measured, measured
 from lacet.identify.signals.sources import Kind
 from lacet.identify.validation.channels.recorded_faults import recorded_faults
 from lacet.identify.validation.channels.single_faults import column_faults
+from lacet.identify.validation.channels.unusable_values import without_unusable
 from lacet.identify.validation.clocks import differing_clocks
 from lacet.identify.validation.exchanged_wheels import exchanged_wheels
 from lacet.identify.validation.plausibility import doubtful_channels
@@ -193,13 +194,16 @@ def load(
 def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, warnings: list[str]) -> ReadyRun:
     """A run without wheels that seem exchanged, and prepared for fitting; what is doubtful is added to `warnings`.
 
+    Samples that are no measurement by their values are flagged, so that the others are used.
+
     Its equations use the noise of the rig's sheet; `ReadyRun.with_noise` puts the measured one in its place.
 
     Raises RunError when it is too short, NotIdentifiable when no row of the equations can be formed.
     """
     run, rig = for_equations(run, vehicle, rig)
+    run, unusable = without_unusable(run, rig)
     drive = PreparedRun.of(run, vehicle, rig, filters)
-    recorded = [channels.sentence(fault) for fault in recorded_faults(run, drive)]
+    recorded = [channels.sentence(fault) for fault in (*unusable, *recorded_faults(run, drive))]
     overview = drive.overview()
     late = [plausibility.of_clocks(one) for one in differing_clocks(overview)]
     doubts = late or [plausibility.sentence(doubt) for doubt in doubtful_channels(overview)]
@@ -221,7 +225,13 @@ def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, w
     warnings += [f"{run.name}: {note}" for note in run_notes((*drive.recording.notes, *drive.measured_rows.notes))]
     if not drive.rows:
         raise NotIdentifiable(
-            f"{run.name}: no row of the equations can be formed:\n  {no_rows(drive.measured_rows.left_out)}"
+            "\n  ".join(
+                [
+                    f"{run.name}: no row of the equations can be formed:",
+                    no_rows(drive.measured_rows.left_out),
+                    *map(channels.sentence, unusable),
+                ]
+            )
         )
     return ReadyRun(run, drive, not (recorded or doubts or moved), _noise_in_rows(run, drive))
 

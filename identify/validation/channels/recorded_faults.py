@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from lacet.daq.run import Run
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.validation.channels.recorded_values import Copies, StandStill, columns_at_rest, copied_columns
+from lacet.identify.validation.channels.recorded_values import Copies, copied_columns
 from lacet.identify.validation.channels.sizes import (
     LeansAlike,
     NegativeDistance,
@@ -17,15 +17,16 @@ from lacet.identify.validation.channels.sizes import (
     quiet_columns,
     unmirrored_camber,
 )
+from lacet.identify.validation.channels.unusable_values import Unusable
 
-RecordedFault = StandStill | Copies | TooQuiet | OtherSize | NegativeDistance | SteersAgainst | LeansAlike
+RecordedFault = Unusable | Copies | TooQuiet | OtherSize | NegativeDistance | SteersAgainst | LeansAlike
 """A fault that a channel's values show, alone or beside others of their kind."""
 
 
 def recorded_faults(run: Run, drive: PreparedRun) -> list[RecordedFault]:
-    """Faults that the recorded values show; `drive` : the run, prepared."""
+    """Faults of what `without_unusable` leaves of a run, by its values; `drive` : that run, prepared."""
     rig = drive.recording.rig
-    found: list[RecordedFault] = [*columns_at_rest(run, rig), *copied_columns(run)]
+    found: list[RecordedFault] = [*copied_columns(run)]
     quiet = quiet_columns(run, rig)
     named = {one.column for one in quiet}
     found += [*quiet, *(one for one in other_sizes(run, rig) if one.column not in named), *negative_distances(run)]

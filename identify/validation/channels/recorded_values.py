@@ -11,19 +11,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lacet.daq.channels import CHANNELS, Channel
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run, Signal
 from lacet.identify.multibody.vectors import Array
 
-_CHANCE = 1e-6
+CHANCE = 1e-6
 """Probability, below which a stretch of equal values is a fault, that a sound column has one as long."""
-_MOVES = 3.0
+MOVES = 3.0
 """Standard deviation ÷ noise of the sensor sheet from which a column moves."""
 _NOISES = 0.3
 """The same from which a column has noise at least."""
-_LEAST = 30
+LEAST = 30
 """Least number of samples of a stretch, and of a column that is compared."""
 _KIN: Mapping[str, Sequence[str]] = {
     "correvit.speed": ("wheel.speed",),
@@ -42,11 +43,16 @@ _KIN: Mapping[str, Sequence[str]] = {
 @dataclass(frozen=True)
 class StandStill:
     """Columns of the exchange table that have one value each [SI] from `start` to `stop` [s], while others of their
-    kind move; several where they stop and go on together."""
+    kind move; several where they stop and go on together.
+
+    `more` : further such stretches of them, at most; `left_out` : whether all those samples are flagged.
+    """
 
     values: Mapping[str, float]
     start: float
     stop: float
+    more: int = 0
+    left_out: bool = False
 
 
 @dataclass(frozen=True)
@@ -64,23 +70,38 @@ def columns_at_rest(run: Run, rig: Rig) -> list[StandStill]:
     A stretch of m equal values among n is chance where n p^m is not small, p the part of equal neighbours in the rest
     of the column: a coarse or a held value repeats itself all the time. Optional channels (brakes) may rest.
     """
-    found: list[StandStill] = []
+    return [found for found, _ in resting_stretches(run, rig)]
+
+
+def resting_stretches(run: Run, rig: Rig) -> list[tuple[StandStill, dict[str, NDArray[np.bool_]]]]:
+    """The entries of `columns_at_rest`, each with its columns → (N,) samples of the channel in their stretches."""
+    found: list[tuple[StandStill, dict[str, NDArray[np.bool_]]]] = []
     for name, signal in run.signals.items():
         channel = CHANNELS[name]
-        if channel.optional or np.count_nonzero(signal.usable) < _LEAST:
+        if channel.optional or np.count_nonzero(signal.usable) < LEAST:
             continue
         t, values = signal.t[signal.usable], signal.values[signal.usable]
         for column, series in zip(channel.columns, values.T, strict=True):
-            first, last = _longest(series)
-            if not _by_chance(series, first, last) and _others_move(run, rig, channel, column, t[first], t[last]):
-                step = float(np.median(np.diff(t)))
-                start, stop, value = float(t[first]), float(t[last]), float(series[first])
-                for i, one in enumerate(found):
-                    if max(abs(one.start - start), abs(one.stop - stop)) <= step:
-                        found[i] = replace(one, values={**one.values, column: value})
-                        break
-                else:
-                    found.append(StandStill({column: value}, start, stop))
+            spans = [
+                (first, last)
+                for first, last in _no_chance(series)
+                if others_move(run, rig, channel, column, t[first], t[last])
+            ]
+            if not spans:
+                continue
+            first, last = spans[0]
+            step = float(np.median(np.diff(t)))
+            start, stop, value, more = float(t[first]), float(t[last]), float(series[first]), len(spans) - 1
+            mask = np.zeros(len(signal.t), bool)
+            for first, last in spans:
+                mask |= signal.usable & (signal.t >= t[first]) & (signal.t <= t[last])
+            for i, (one, masks) in enumerate(found):
+                if max(abs(one.start - start), abs(one.stop - stop)) <= step:
+                    together = replace(one, values={**one.values, column: value}, more=max(one.more, more))
+                    found[i] = together, {**masks, column: mask}
+                    break
+            else:
+                found.append((StandStill({column: value}, start, stop, more), {column: mask}))
     return found
 
 
@@ -89,38 +110,37 @@ def copied_columns(run: Run) -> list[Copies]:
     alike: defaultdict[bytes, list[str]] = defaultdict(list)
     for name, signal in run.signals.items():
         for column, series in zip(CHANNELS[name].columns, signal.values[signal.usable].T, strict=True):
-            if series.size >= _LEAST and float(np.ptp(series)) > 0.0:
+            if series.size >= LEAST and float(np.ptp(series)) > 0.0:
                 alike[hashlib.sha256(np.ascontiguousarray(series).data).digest()].append(column)
     return [Copies(tuple(columns)) for columns in alike.values() if len(columns) > 1]
 
 
-def _longest(series: Array) -> tuple[int, int]:
-    """First and last index of the longest stretch of equal values."""
+def _no_chance(series: Array) -> list[tuple[int, int]]:
+    """First and last index of the stretches of equal values that a sound column does not have, the longest first."""
     ends = np.flatnonzero(np.concatenate([[True], np.diff(series) != 0.0, [True]]))
-    longest = int(np.argmax(np.diff(ends)))
-    return int(ends[longest]), int(ends[longest + 1]) - 1
+    lengths = np.diff(ends)
+    order = np.argsort(-lengths, kind="stable")
+    order = order[lengths[order] >= LEAST]
+    # Equal neighbours in what is beside the first k stretches, of which each one may join two others.
+    within = np.cumsum(lengths[order])
+    equal = series.size - lengths.size - np.cumsum(lengths[order] - 1)
+    others = np.maximum(0, series.size - within - 1)
+    part = (np.minimum(equal, others) + 1.0) / (others + 2.0)
+    chance = series.size * part ** (lengths[order] - 1) > CHANCE
+    sure = order[: int(np.argmax(chance)) if chance.any() else order.size]
+    return [(int(ends[one]), int(ends[one + 1]) - 1) for one in sure]
 
 
-def _by_chance(series: Array, first: int, last: int) -> bool:
-    """Whether a stretch of equal values is one that a sound column has."""
-    length = last - first + 1
-    if length < _LEAST:
-        return True
-    equal = np.diff(np.concatenate([series[:first], series[last + 1 :]])) == 0.0
-    part = (np.count_nonzero(equal) + 1.0) / (equal.size + 2.0)
-    return series.size * part ** (length - 1) > _CHANCE
-
-
-def _others_move(run: Run, rig: Rig, channel: Channel, column: str, start: float, stop: float) -> bool:
+def others_move(run: Run, rig: Rig, channel: Channel, column: str, start: float, stop: float) -> bool:
     """Whether another column of its family, or of one that moves with it, moves in an interval.
 
     Where it is the whole run, noise in its own family is enough: an instrument that is read has some.
     """
     families = (channel.family, *_KIN.get(channel.family, ()))
     t = run.signals[channel.name].t
-    least = _NOISES if start <= t[0] and stop >= t[-1] else _MOVES
+    least = _NOISES if start <= t[0] and stop >= t[-1] else MOVES
     return any(
-        float(np.std(series)) > (least if CHANNELS[name].family == channel.family else _MOVES) * rig.noise(name)
+        float(np.std(series)) > (least if CHANNELS[name].family == channel.family else MOVES) * rig.noise(name)
         for name, signal in run.signals.items()
         if CHANNELS[name].family in families
         for other, series in _between(name, signal, start, stop)
