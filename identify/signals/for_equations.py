@@ -12,6 +12,7 @@ from lacet.daq.rig import DEFAULT_TOLERANCE, Rig, Sensor
 from lacet.daq.run import ChosenSignals, Run, Signal
 from lacet.daq.vehicle import Corner, Vehicle
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.signals.own_rate import at_own_rate
 
 STAND_INS: dict[str, tuple[str, ...]] = {
     "wheel.{c}.force": ("hub.{c}.load", "pushrod.{c}.force", "scale.{c}.load"),
@@ -56,6 +57,7 @@ def for_equations(run: Run, vehicle: Vehicle, rig: Rig) -> tuple[Run, Rig]:
     A corner with measured travel and without a hub laser gets the hub laser's values: the height of its mount above the
     wheel centre at design height, less the travel; and the rig has the sensor of that travel as this laser's, with its
     latency, noise and tolerances. A potentiometer on the damper stands in where the vehicle file has a motion ratio.
+    A channel slower than its table loses the empty cells between its samples.
     """
     names = dict.fromkeys(name for name in run.signals if not CHANNELS[name].recorded_only)
     for pattern, others in STAND_INS.items():
@@ -75,8 +77,12 @@ def for_equations(run: Run, vehicle: Vehicle, rig: Rig) -> tuple[Run, Rig]:
     rig = with_travel_as_laser(rig, travels)
     made: dict[str, Signal] = {}
     for travel, hub in travels.items():
-        signal, corner = run.signals[travel], vehicle.corners[CHANNELS[hub].corner or ""]
+        signal, corner = at_own_rate(run.signals[travel]), vehicle.corners[CHANNELS[hub].corner or ""]
         made[hub] = replace(signal, values=design_reading(rig, corner) - signal.values)
+    for name in names:
+        signal = run.signals[name]
+        if (slower := at_own_rate(signal)) is not signal:
+            made[name] = slower
     if made or names.keys() != run.signals.keys():
         run = replace(run, signals=ChosenSignals(run.signals, list(names), made))
     return run, rig

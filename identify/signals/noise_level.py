@@ -19,6 +19,7 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run, Signal
 from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.signals.own_rate import sample_rate
 
 MOTION = 20.0
 """Frequency above which a car's motion is neglected beside the noise [Hz]: the pre-filter's cut-off."""
@@ -168,7 +169,7 @@ def _level(sensor: str, family: str, sheet: float, signals: dict[str, list[Signa
         usable = [s for s in parts if np.count_nonzero(s.usable) >= 2 * _SEGMENT]
         if not usable:
             continue
-        rate = float(np.median([(len(s.t) - 1) / np.ptp(s.t) for s in usable]))
+        rate = float(np.median([sample_rate(s) for s in usable]))
         if _UPPER[0] * 0.5 * rate < MOTION:
             slow = rate
             continue

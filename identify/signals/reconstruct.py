@@ -23,6 +23,7 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import Filters, bring_to_grid, derivative
 from lacet.identify.signals.for_equations import for_equations
+from lacet.identify.signals.own_rate import sample_rate
 from lacet.identify.signals.sources import Law, Source
 from lacet.identify.signals.wiener import WienerSmoother, motion_beyond
 
@@ -276,13 +277,13 @@ def bring_together(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters, on: A
             continue
         values[name] = bring_to_grid(signal.t, filled, stamped, filters.pre_cutoff, filters.order)
         if CHANNELS[name].family in _BENT:
-            raw.append((filled[:, 0], (len(signal.t) - 1) / float(np.ptp(signal.t))))
+            raw.append((filled[:, 0], (len(signal.t) - 1) / float(np.ptp(signal.t))))  # interpolated values as well
         usable[name] = _outside(holes, stamped, filters.edge)
         if holes:
             gaps.append(Gaps(name, tuple(holes)))
     signals = Signals.differentiated(values, filters.rate)
     reference = run.wheel_reference or rig.wheel_reference
-    rates = {name: (len(run.signals[name].t) - 1) / float(np.ptp(run.signals[name].t)) for name in values}
+    rates = {name: sample_rate(run.signals[name]) for name in values}
     return Recording(
         run.name, grid, signals, usable, rates, vehicle, rig, filters, reference, run.brakes, (*notes, *gaps),
         float(grid[0]),

@@ -216,7 +216,8 @@ def _is_range_end(signal: Signal, good: NDArray[np.intp], series: Array, at: NDA
         return False
     counts = np.unique(rest, return_counts=True)[1]
     beside = counts[-_LEVELS:] if highest else counts[:_LEVELS]
-    return np.count_nonzero(at) >= _CROWDED * float(np.max(beside)) and _is_noisy(signal, good, rest)
+    crowded = int(np.count_nonzero(at)) >= _CROWDED * int(np.max(beside))
+    return crowded and _is_noisy(signal, good, rest)
 
 
 # -- dead stretches ----------------------------------------------------------------------------------------------------

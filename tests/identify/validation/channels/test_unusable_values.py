@@ -150,7 +150,7 @@ def test_the_crest_of_a_coarse_column_is_no_end_of_a_range(step: float) -> None:
     column = "imu.accel.y"
     values = series_of(run, column)
     width = step * 0.1 * float(np.std(values))
-    assert without_unusable(with_column(run, column, np.asarray(np.round(values / width) * width, float)), RIG)[1] == []
+    assert without_unusable(with_column(run, column, np.round(values / width) * width), RIG)[1] == []
 
 
 def test_a_steer_that_is_held_is_no_end_of_a_range() -> None:
@@ -158,8 +158,8 @@ def test_a_steer_that_is_held_is_no_end_of_a_range() -> None:
     run = piece()
     for corner in CORNERS:
         column = f"camera.{corner}.steer"
-        t = run.signals[column].t
-        run = with_column(run, column, np.clip(np.round(np.sin(t), 3), -0.7, 0.7))
+        steer = np.round(np.sin(run.signals[column].t), 3)
+        run = with_column(run, column, np.asarray(np.clip(steer, -0.7, 0.7), np.float64))
     assert not any(isinstance(one, RangeEnd) for one in without_unusable(run, RIG)[1])
 
 

@@ -1,0 +1,48 @@
+"""A channel's own sample rate, where its table has more rows than it has samples.
+
+A table of several instruments has the stamps of the fastest; a slower one has empty cells between its samples. These
+are no lost samples: interpolated over them, its noise would be that of a faster instrument.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lacet.daq.blocks import Flag
+from lacet.daq.pauses import longest_step
+from lacet.daq.run import Signal
+
+_SLOWER = 1.5
+"""Usual step between filled cells ÷ that between rows, from which a channel is slower than its table: between one row
+and two."""
+_EVEN = (0.6, 1.6)
+"""Steps ÷ the usual one of a channel that is slower, and not one that lost samples: 100 Hz in a table of 250 Hz has
+steps of two and three rows."""
+_NEARLY_ALL = 0.9
+"""Part of a channel's steps that are so even, at least. Source: a choice; the rest are losses of the slower channel,
+while of cells that are empty by chance, three in five, four in ten steps are even."""
+
+
+def at_own_rate(signal: Signal) -> Signal:
+    """The signal without the empty cells between the samples of a channel slower than its table."""
+    filled = (signal.flags & int(Flag.MISSING)) == 0
+    if filled.all() or np.count_nonzero(filled) < 2:
+        return signal
+    steps = np.diff(signal.t[filled])
+    usual = float(np.median(steps))
+    if usual < _SLOWER * float(np.median(np.diff(signal.t))):
+        return signal
+    even = (steps >= _EVEN[0] * usual) & (steps <= _EVEN[1] * usual)
+    if float(np.mean(even)) < _NEARLY_ALL:
+        return signal
+    return Signal(signal.t[filled], signal.values[filled], signal.flags[filled])
+
+
+def sample_rate(signal: Signal) -> float:
+    """Samples of a signal per second [Hz]; where some are not usable, of the usable ones without their pauses."""
+    good = signal.usable
+    if good.all() or np.count_nonzero(good) < 2:
+        return (len(signal.t) - 1) / float(np.ptp(signal.t))
+    steps = np.diff(signal.t[good])
+    steps = steps[steps <= longest_step(float(np.median(steps)))]
+    return steps.size / float(np.sum(steps))
