@@ -16,6 +16,7 @@ from lacet.services.planning.separation import next_run, tied, untestable
 from lacet.services.render import tables
 from lacet.services.render.implausible_values import implausible_text
 from lacet.services.render.known_scale import weak_scale
+from lacet.services.render.little_shown import little_shown_lines
 from lacet.services.render.separation_report import hint, next_text
 from lacet.services.render.verdicts import print_change, print_diagnosis
 from lacet.services.workspace.results import diagnosis_result
@@ -80,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
         for warning in session.runs.loaded.sheet:
             print(f"! {warning}")
     present = session.study.version().result
-    for doubt in filter(None, (implausible_text(present), weak_scale(present))):
+    for doubt in (*little_shown_lines(present), *filter(None, (implausible_text(present), weak_scale(present)))):
         print(f"! {doubt}")
     if args.auto:
         print(tables.history(session.study.versions()))

@@ -25,6 +25,7 @@ from lacet.services.render.consistency_report import consistency_text, left_open
 from lacet.services.render.identifiability import not_derived_lines
 from lacet.services.render.implausible_values import implausible_text
 from lacet.services.render.known_scale import weak_scale
+from lacet.services.render.little_shown import little_shown_lines
 from lacet.services.render.row_sources import assumptions_table, sources_table
 from lacet.services.timing.usual import stretch
 from lacet.services.workspace.loading import default_filters, load
@@ -157,7 +158,9 @@ def run(args: argparse.Namespace) -> int:
         print("\n" + consistency_text(found, nearest))
     where, ratio = worst_row(result["rows"]["used"])
     print(f"\nWorst row: {where}, {ratio:.2f} times its noise floor.")
-    if fails(ratio):
+    for line in (little := little_shown_lines(result)):
+        print(f"! {line}")
+    if fails(ratio) and (result["model_fails"] or not little):
         print("Values that stand on a failing row are off by more than their intervals say.")
         print("The model lacks something: lacet study new DIR --use RUN…, then lacet diagnose DIR.")
     if args.rows:

@@ -18,6 +18,7 @@ from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.render.implausible_values import implausible_text
 from lacet.services.render.known_scale import weak_scale
+from lacet.services.render.little_shown import little_shown_lines
 from lacet.services.workspace.import_log import imported
 from lacet.services.workspace.loading import default_filters, find_rig, find_vehicle
 from lacet.services.workspace.report import write_report
@@ -92,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
         print(f"\n{tables.fall_by_row(versions)}")
     print(f"  present version: {study.current}")
     result = study.version().result
-    for doubt in filter(None, (implausible_text(result), weak_scale(result))):
+    for doubt in (*little_shown_lines(result), *filter(None, (implausible_text(result), weak_scale(result)))):
         print(f"! {doubt}")
     if args.report:
         with Line("study") as line:

@@ -19,6 +19,7 @@ from lacet.identify.validation.score import FAILS, Comparison, pooled_ratio
 from lacet.services.render.effect_text import effect_label
 from lacet.services.render.implausible_values import implausible_text
 from lacet.services.render.known_scale import weak_scale
+from lacet.services.render.little_shown import little_shown_lines
 from lacet.services.render.row_sources import sources_tables
 from lacet.services.render.rows import ERROR_MEANINGS, error_summary, row_label, with_verdict
 from lacet.services.render.units import unit_text
@@ -113,7 +114,10 @@ def version_payload(study: Study, version: Version) -> dict[str, Any]:
         "errors": error_summary(rows["used"], rows["held"]), "used": used,
         "held": held, "runs_differ": (set(used), set(held)) != (set(study.used), set(study.held)),
         "not_judged": version.result.get("not_judged", []),
-        "doubts": [text for text in (implausible_text(version.result), weak_scale(version.result)) if text],
+        "doubts": [
+            *little_shown_lines(version.result),
+            *filter(None, (implausible_text(version.result), weak_scale(version.result))),
+        ],
         "row_sources": sources_tables(version.result.get("row_sources", [])),
     }  # fmt: skip
 

@@ -20,6 +20,7 @@ from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.diagnosis import Diagnosis
 from lacet.identify.validation.implausible_values import implausible_values
+from lacet.identify.validation.little_shown import little_shown
 from lacet.identify.validation.parameter_estimates import Estimate, estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.row_sources import row_sources
@@ -28,6 +29,7 @@ from lacet.services.render.consistency_report import body_fault_words, consisten
 from lacet.services.render.identifiability import not_derived, open_parameters, rows_not_judged, unidentified
 from lacet.services.render.implausible_values import implausible_result
 from lacet.services.render.known_scale import scale_result
+from lacet.services.render.little_shown import little_shown_result
 from lacet.services.render.row_sources import sources_result
 from lacet.services.render.rows import colour_words, row_absence
 from lacet.services.render.verdicts import open_because, says, short_reason, why
@@ -86,6 +88,7 @@ def fit_result(
             "row_sources": sources_result(row_sources(fitted)),
             "known_scale": scale_result(known_scale(fitted, found)),
             "implausible": implausible_result(implausible_values(fitted, found)),
+            **little_shown_result(little_shown(fitted.runs, used)),
             "bad_seconds": [asdict(bad) for bad in fitted.bad_seconds()],
             "base_rank": fitted.base.rank,
             "singular_gap": fitted.base.gap,
