@@ -130,6 +130,13 @@ def _fault(found: ColumnFault) -> str:
                 f"{column} is recorded in {found.unit}: the car's equations need {with_interval(value, half)} times it "
                 f"({misfit})"
             )
+        case Fault.UNSTEADY:
+            first, second = (f"{scale:.2g}" for scale in found.halves)
+            return (
+                f"{column} has no constant scale: the car's equations need {first} times it in the first half of these "
+                f"seconds, and {second} times it in the second ({misfit}). It is dead, or was changed, in a part of "
+                "them: leave that part out (--from, --to)"
+            )
         case Fault.LATE:
             when = "later" if value > 0.0 else "earlier"
             delay = with_interval(1e3 * abs(value), 1e3 * half)

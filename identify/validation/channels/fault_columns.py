@@ -94,6 +94,7 @@ class FaultColumns:
     whole : (w, w) products of [nuisance, scale and delay of each column, position of the inertial unit along three
         axes, left side], rows ÷ noise floor; the zeros of all columns are removed run by run.
     left_out : (B, w, w) the same with one block left out.
+    halves : (2, w, w) the same of the first and of the second half alone; of several runs, all of theirs.
     priors : (q,) 1 σ of the nuisance: parameters of the laws, delays of whole instruments.
     noise, signal : (c, 2) variance of the sheet's noise, and of the column, of its values and of its rate, up to the
         fit's cut-off, times the number of samples.
@@ -104,6 +105,7 @@ class FaultColumns:
     columns: tuple[str, ...]
     whole: Array
     left_out: Array
+    halves: Array
     priors: Array
     noise: Array
     signal: Array
@@ -162,6 +164,7 @@ class FaultColumns:
                     tuple(column for _, column in columns),
                     _reduced(total, zeros),
                     np.stack([_reduced(total - block, zeros) for block in blocks]),
+                    np.stack([_reduced(half.sum(axis=0), zeros) for half in np.split(blocks, 2)]),
                     np.concatenate([priors, np.full(len(delays), _ANY_DELAY)]),
                     recording.t.size * np.concatenate([noise for noise, _ in variances]),
                     recording.t.size * np.concatenate([signal for _, signal in variances]),
@@ -183,6 +186,7 @@ class FaultColumns:
             parts[0],
             whole=whole,
             left_out=left_out,
+            halves=np.concatenate([part.halves for part in parts]),
             noise=np.sum([part.noise for part in parts], axis=0),
             signal=np.sum([part.signal for part in parts], axis=0),
             count=sum(part.count for part in parts),
@@ -213,6 +217,13 @@ class FaultColumns:
                 found = 1.0 - float(values[scale]), float(spread[scale]), float(values[delay]), float(spread[delay])
                 out.append(FaultEstimate(column, *found, *falls, float(noise[i, 0]), float(noise[i, 1])))
         return sorted(out, key=lambda one: -max(one.scale_fall, one.delay_fall))
+
+    def scales(self, column: str) -> Array:
+        """Scale of a column as the only one at fault, in each half of each run; NaN where a half does not show it."""
+        place = 2 * self.columns.index(column)
+        each = [_reduced(half, self.priors) for half in self.halves]
+        shown = np.array([float(one[place, place]) > 0.0 for one in each])
+        return np.where(shown, [1.0 - float(_single(one)[place]) for one in each], np.nan)
 
     def _delay_of_unit(self, gram: Array) -> float:
         """Delay of the inertial unit as a whole [s]; 0 without one."""

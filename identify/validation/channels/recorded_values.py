@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -136,20 +136,34 @@ def others_move(run: Run, rig: Rig, channel: Channel, column: str, start: float,
 
     Where it is the whole run, noise in its own family is enough: an instrument that is read has some.
     """
-    families = (channel.family, *_KIN.get(channel.family, ()))
     t = run.signals[channel.name].t
     least = _NOISES if start <= t[0] and stop >= t[-1] else MOVES
+    return _one_varies(run, rig, channel, column, lambda signal: (signal.t >= start) & (signal.t <= stop), least)
+
+
+def others_move_at(run: Run, rig: Rig, channel: Channel, column: str, at: NDArray[np.bool_]) -> bool:
+    """The same at (N,) samples of the channel, all together."""
+    t = run.signals[channel.name].t
+    return _one_varies(run, rig, channel, column, lambda signal: np.interp(signal.t, t, at) > 0.5, MOVES)
+
+
+def _one_varies(
+    run: Run, rig: Rig, channel: Channel, column: str, part: Callable[[Signal], NDArray[np.bool_]], least: float
+) -> bool:
+    """Whether another column of its family varies by `least` times its noise in a part of the run, or one of a family
+    that moves with it by `MOVES`."""
+    families = (channel.family, *_KIN.get(channel.family, ()))
     return any(
         float(np.std(series)) > (least if CHANNELS[name].family == channel.family else MOVES) * rig.noise(name)
         for name, signal in run.signals.items()
         if CHANNELS[name].family in families
-        for other, series in _between(name, signal, start, stop)
+        for other, series in _in_part(name, signal, part(signal))
         if other != column
     )
 
 
-def _between(name: str, signal: Signal, start: float, stop: float) -> Iterator[tuple[str, Array]]:
-    """Columns of a channel with their usable values in an interval; none of fewer than two."""
-    keep = signal.usable & (signal.t >= start) & (signal.t <= stop)
+def _in_part(name: str, signal: Signal, part: NDArray[np.bool_]) -> Iterator[tuple[str, Array]]:
+    """Columns of a channel with their usable values in a part of the run; none of fewer than two."""
+    keep = signal.usable & part
     if np.count_nonzero(keep) > 1:
         yield from zip(CHANNELS[name].columns, signal.values[keep].T, strict=True)

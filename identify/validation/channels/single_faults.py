@@ -19,6 +19,7 @@ import numpy as np
 import scipy
 
 from lacet.daq.channels import COLUMNS
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.reconstruct import Recording
 from lacet.identify.signals.spline import CubicSpline
@@ -34,6 +35,9 @@ _OPPOSITE: Final = 0.1
 """Distance from −1 within which a scale is taken for it."""
 _TENFOLD: Final = 10.0
 """Factor from which a scale is another unit: no missing effect is worth nine tenths of a channel."""
+_ANOTHER: Final = 10.0**0.5
+"""Ratio of the scales of two halves of a run from which they are no one unit's: between 1 and the factor of the nearest
+other unit that is looked for."""
 _NOISY: Final = 0.1
 """Largest part of noise in a column's variance: an estimate is low by no more than that."""
 _NOISY_SIGN: Final = 0.3
@@ -77,6 +81,8 @@ class Fault(Enum):
 
     SIGN = auto()
     UNIT = auto()
+    UNSTEADY = auto()
+    """Its scale is another in one half of the run than in the other."""
     LATE = auto()
 
 
@@ -93,6 +99,7 @@ class ColumnFault:
     runs : run → the seconds looked at, from and to.
     unit : in what the column seems to be recorded; empty where it is no question of unit.
     ties : other columns whose delay would explain as much, but for chance.
+    halves : of an unsteady scale, true ÷ recorded value in the first and in the second half of the run.
     """
 
     column: str
@@ -104,6 +111,7 @@ class ColumnFault:
     runs: Mapping[str, tuple[float, float]]
     unit: str = ""
     ties: tuple[str, ...] = ()
+    halves: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -221,7 +229,7 @@ def _together(found: Sequence[ColumnFault | Suspects]) -> list[ColumnFault | Sus
     for one in found:
         if named and isinstance(one, Suspects):
             continue
-        key = (one.column, one.fault) if isinstance(one, ColumnFault) else tuple(one.columns)
+        key = (one.column, one.fault, one.halves) if isinstance(one, ColumnFault) else tuple(one.columns)
         out[key] = replace(out[key], runs={**out[key].runs, **one.runs}) if key in out else one
     return list(out.values())
 
@@ -268,6 +276,11 @@ def _first_wrong_scale(
                 if not any(_is_reversed(row, width) for row in said) or any(_is_sound(row, reach) for row in said):
                     continue
             half = _USUAL * one.scale_spread
+            if kind is Fault.UNIT and len(runs) == 1 and _differ(parts := products.scales(one.column), half):
+                halves = tuple(parts.tolist())
+                return ColumnFault(
+                    one.column, Fault.UNSTEADY, one.scale, half, misfit**0.5, remaining, seconds, halves=halves
+                )
             return ColumnFault(one.column, kind, one.scale, half, misfit**0.5, remaining, seconds, unit)
     return None
 
@@ -293,6 +306,13 @@ def _is_sound(one: FaultEstimate, reach: float) -> bool:
     """Whether an estimate of one row is that of a sound column, and certainly of no reversed one."""
     sound = abs(one.scale - 1.0) < max(_USUAL * one.scale_spread, _OPPOSITE)
     return sound and one.scale - reach * one.scale_spread > -1.0 / _TWICE
+
+
+def _differ(halves: Array, half: float) -> bool:
+    """Whether the scales of two halves of a run are not those of one unit; `half` : of the whole run's interval."""
+    least, most = float(np.min(np.abs(halves))), float(np.max(np.abs(halves)))
+    alike = float(np.prod(np.sign(halves))) > 0.0 and most < _ANOTHER * least
+    return not alike and float(np.ptp(halves)) > 2.0**0.5 * half
 
 
 def _reach(blocks: int) -> float:

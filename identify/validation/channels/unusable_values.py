@@ -16,14 +16,14 @@ from lacet.daq.blocks import Flag
 from lacet.daq.channels import CHANNELS, COLUMNS
 from lacet.daq.rig import Rig
 from lacet.daq.run import ChosenSignals, Run, Signal
-from lacet.daq.stuck import LEARNED, TWINS, is_noisy, noise_count, window_length
+from lacet.daq.stuck import LEARNED, STUCK_SECONDS, TWINS, is_noisy, moves, noise_count, window_length
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.validation.channels.recorded_values import (
     CHANCE,
     LEAST,
     MOVES,
     StandStill,
-    others_move,
+    others_move_at,
     resting_stretches,
 )
 
@@ -45,6 +45,8 @@ _FALLS = 10.0
 """Variation before a dead stretch ÷ that in it, at least. Source: a choice."""
 _KEEPS = 0.5
 """Part of their variation that the same columns of all other corners keep, at least: the car drives on as before."""
+_MAY_STAND = ("wheel.speed", "wheel.angle", "correvit.speed")
+"""Families in which zero, or noise alone, is a measurement while others move: a locked wheel, a car that stands."""
 _WINDOW = 0.5
 """Seconds of a window in which a variation is measured [s]: that in which a value is stuck (`daq.stuck`)."""
 _DEAD = 2.0
@@ -192,13 +194,15 @@ def _range_ends(run: Run, rig: Rig) -> _Found:
             if not _is_range_end(signal, good, series, at, highest):
                 continue
             index = good[at]
-            t = signal.t[index]
-            if others_move(run, rig, CHANNELS[name], column, float(t[0]), float(t[-1])):
+            value, mask = float(series[at][0]), _mask(signal, index)
+            if value == 0.0 and CHANNELS[name].family in _MAY_STAND:
+                continue
+            # At each crest of a steady slalom everything else has the same value again: there the speed says it.
+            driven = 2 * np.count_nonzero(moves(run.signals, name, signal.t[index])) > index.size
+            if driven or others_move_at(run, rig, CHANNELS[name], column, mask):
                 seconds = index.size * float(np.median(np.diff(signal.t[good])))
-                found = RangeEnd(
-                    column, float(series[at][0]), highest, _stretches(at), seconds, float(signal.t[index[0]])
-                )
-                yield found, {name: _mask(signal, index)}
+                found = RangeEnd(column, value, highest, _stretches(at), seconds, float(signal.t[index[0]]))
+                yield found, {name: mask}
 
 
 def _is_range_end(signal: Signal, good: NDArray[np.intp], series: Array, at: NDArray[np.bool_], highest: bool) -> bool:
@@ -224,22 +228,29 @@ def _is_range_end(signal: Signal, good: NDArray[np.intp], series: Array, at: NDA
 
 
 def _at_rest(run: Run, rig: Rig) -> _Found:
-    """Columns that stand still; flagged where noise of the column, or of its like at other corners, has stopped."""
+    """Columns that stand still; flagged where noise of the column, or of its like at other corners, has stopped.
+
+    Of columns that stop and go on together one with noise is enough: what reads them all has stopped.
+    """
     for found, places in resting_stretches(run, rig):
+        left_out = any(_noise_stopped(run, found, column, mask) for column, mask in places.items())
         flagged: dict[str, NDArray[np.bool_]] = {}
-        for column, mask in places.items():
-            name, component = _place(column)
-            signal = run.signals[name]
-            good = np.flatnonzero(signal.usable)
-            moving = good[~mask[good]]
-            rest = signal.values[moving, component]
-            noisy = (
-                _is_noisy(signal, good, rest) if _enough(signal, good, rest) else _twins_are_noisy(run, name, component)
-            )
-            if noisy:
-                flagged[name] = flagged[name] | mask if name in flagged else mask
-        left_out = len(flagged) == len({_place(column)[0] for column in places})
-        yield replace(found, left_out=left_out), flagged if left_out else {}
+        for column, mask in places.items() if left_out else ():
+            name, _ = _place(column)
+            flagged[name] = flagged[name] | mask if name in flagged else mask
+        yield replace(found, left_out=left_out), flagged
+
+
+def _noise_stopped(run: Run, found: StandStill, column: str, mask: NDArray[np.bool_]) -> bool:
+    """Whether a column that stands still at some samples is noisy otherwise; a wheel may be locked for a moment."""
+    name, component = _place(column)
+    signal = run.signals[name]
+    may_be = found.values[column] == 0.0 and CHANNELS[name].family in _MAY_STAND
+    if may_be and found.stop - found.start < STUCK_SECONDS:
+        return False
+    good = np.flatnonzero(signal.usable)
+    rest = signal.values[good[~mask[good]], component]
+    return _is_noisy(signal, good, rest) if _enough(signal, good, rest) else _twins_are_noisy(run, name, component)
 
 
 def _dead(run: Run, rig: Rig) -> _Found:
@@ -247,7 +258,7 @@ def _dead(run: Run, rig: Rig) -> _Found:
     for name, column, signal, good, series in _columns(run):
         component = CHANNELS[name].columns.index(column)
         like = _twins(run, name)
-        if len(like) < TWINS:
+        if len(like) < TWINS or CHANNELS[name].family in _MAY_STAND:
             continue
         t = signal.t[good]
         span = _quiet_span(t, series, rig.noise(name))
@@ -284,7 +295,7 @@ def _quiet_span(t: Array, series: Array, noise: float) -> tuple[int, int] | None
     # To the sample: the stretch ends where a value is no noise about its middle.
     away = np.flatnonzero(np.abs(series - middle) > _FAR * max(spread, noise))
     centre = (begins[longest] + ends[longest] + 1) * length // 2
-    before = int(np.searchsorted(away, centre))
+    before = int(np.count_nonzero(away < centre))
     first = int(away[before - 1]) + 1 if before else 0
     last = int(away[before]) - 1 if before < away.size else series.size - 1
     rest = np.concatenate([series[:first], series[last + 1 :]])

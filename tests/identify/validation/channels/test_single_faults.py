@@ -55,6 +55,22 @@ def test_a_unit_is_named_with_its_factor(column: str) -> None:
     assert "recorded in thousandths of its unit" in from_equations(found)
 
 
+def test_a_scale_that_changes_within_the_run_is_no_unit() -> None:
+    """A load that dies, with more noise than its sheet has."""
+    run = run_of("sine")
+    column = "wheel.fr.force.z"
+    values = series_of(run, column).copy()
+    late = run.signals["wheel.fr.force"].t > 12.0
+    values[late] = 100.0 * np.random.default_rng(0).normal(size=np.count_nonzero(late))
+    (found,) = column_faults([prepared(with_column(run, column, values))])
+    assert isinstance(found, ColumnFault)
+    assert (found.column, found.fault, found.unit) == (column, Fault.UNSTEADY, "")
+    assert len(found.halves) == 2
+    line = from_equations(found)
+    assert f"{column} has no constant scale" in line
+    assert "thousandths" not in line
+
+
 @pytest.mark.parametrize(("column", "name"), [("laser.fr.hub", "rough"), ("imu.accel.z", "rough")])
 def test_a_late_column_is_named_with_its_delay(column: str, name: str) -> None:
     """30 ms are more than a first-order estimate reaches: the delay is removed and estimated again."""

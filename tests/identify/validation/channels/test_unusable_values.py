@@ -22,7 +22,7 @@ from lacet.identify.validation.channels.unusable_values import (
 )
 from lacet.services.workspace.loading import load
 from tests.identify.validation.channels.spoilt_columns import series_of, with_column
-from tests.support.tables import CAR, piece, written
+from tests.support.tables import CAR, piece, without, written
 
 RIG = Rig.load(CAR / "rig.toml")
 
@@ -161,6 +161,33 @@ def test_a_steer_that_is_held_is_no_end_of_a_range() -> None:
         steer = np.round(np.sin(run.signals[column].t), 3)
         run = with_column(run, column, np.asarray(np.clip(steer, -0.7, 0.7), np.float64))
     assert not any(isinstance(one, RangeEnd) for one in without_unusable(run, RIG)[1])
+
+
+def test_speeds_of_a_car_that_stands_before_and_after_are_no_ends_of_a_range() -> None:
+    """Sensors of speed that are exactly zero below some speed; one wheel that is locked for a while."""
+    run = piece()
+    for channel in [name for name in run.signals if name.endswith(".speed")]:
+        signal = run.signals[channel]
+        values = np.abs(signal.values) * np.clip(np.minimum(signal.t - 7.0, 13.0 - signal.t), 0.0, 1.0)[:, None]
+        if channel == "wheel.fr.speed":
+            values[(signal.t > 9.0) & (signal.t < 9.3)] = 0.0
+        run = run.with_values({channel: values})
+    mended, found = without_unusable(run, RIG)
+    assert [(type(one), one.left_out) for one in found if isinstance(one, StandStill)] == [(StandStill, False)] * len(
+        found
+    )
+    assert mended is run
+
+
+def test_loads_that_are_zero_on_a_rig_between_lifts_are_no_ends_of_a_range() -> None:
+    """All wheels in the air at the same time: nothing moves."""
+    run = without(piece(), "correvit", "wheel.fl.speed", "wheel.fr.speed", "wheel.rl.speed", "wheel.rr.speed")
+    for corner in CORNERS:
+        channel = f"wheel.{corner}.force"
+        signal = run.signals[channel]
+        values = np.abs(signal.values) * np.clip(np.minimum(signal.t - 7.0, 13.0 - signal.t), 0.0, 1.0)[:, None]
+        run = run.with_values({channel: values})
+    assert without_unusable(run, RIG)[1] == []
 
 
 # -- dead stretches ----------------------------------------------------------------------------------------------------
