@@ -39,10 +39,9 @@ def at_own_rate(signal: Signal) -> Signal:
 
 
 def sample_rate(signal: Signal) -> float:
-    """Samples of a signal per second [Hz]; where some are not usable, of the usable ones without their pauses."""
+    """Usable samples of a signal per second [Hz], without its pauses."""
     good = signal.usable
-    if good.all() or np.count_nonzero(good) < 2:
-        return (len(signal.t) - 1) / float(np.ptp(signal.t))
-    steps = np.diff(signal.t[good])
-    steps = steps[steps <= longest_step(float(np.median(steps)))]
-    return steps.size / float(np.sum(steps))
+    t = signal.t[good] if np.count_nonzero(good) > 1 else signal.t
+    steps = np.diff(t)
+    inside = steps <= longest_step(float(np.median(steps)))
+    return (len(t) - 1) / float(np.ptp(t)) if inside.all() else int(np.sum(inside)) / float(np.sum(steps[inside]))

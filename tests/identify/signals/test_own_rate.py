@@ -92,6 +92,9 @@ def test_a_pause_makes_no_channel_slower() -> None:
     filled = np.ones(1000, bool)
     filled[200:700] = False
     assert sample_rate(emptied(series(), filled)) == pytest.approx(250.0, rel=0.01)
+    whole = series()
+    without_rows = Signal(whole.t[filled], whole.values[filled], whole.flags[filled])
+    assert sample_rate(without_rows) == pytest.approx(250.0, rel=0.01)
 
 
 def test_a_table_with_empty_cells_is_as_channels_at_their_own_rates() -> None:
