@@ -230,10 +230,9 @@ def _free_entry(
 ) -> FreeEntry:  # fmt: skip
     """Entry `i` of the sheet without its prior, of those at positions `counted` with tolerances `sigma`."""
     at = counted[i]
-    column, weight = known.inverse[:, at], float(known.prior[at, at])
-    # The normal matrix loses one number of its diagonal (Sherman and Morrison).
-    without_mean = known.gain[:, known.sums.layout.right] - known.prior_side[at] * column
+    found, column, weight = known.gain[:, known.sums.layout.right], known.inverse[:, at], float(known.prior[at, at])
+    # The normal matrix loses one number of its diagonal (Sherman and Morrison); only latencies have a prior mean.
     remaining = 1.0 - weight * float(column[at])
-    estimates = (without_mean + column * (weight * without_mean[at] / remaining))[counted] / sigma
+    estimates = (found + column * (weight * found[at] / remaining))[counted] / sigma
     spread = float(np.sqrt(max(0.0, float(column[at]) / remaining))) / float(sigma[i])
     return FreeEntry(name, float(estimates[i]), spread, float(np.sum(np.delete(estimates, i) ** 2)))

@@ -85,7 +85,7 @@ def test_what_is_hardly_above_the_floor_or_less_than_the_user_asks_for_is_no_res
 
 def test_of_two_laws_that_look_alike_the_one_that_explains_more_stands():
     """Beside each other each explains less than the rest."""
-    like = at(0, LAW + 0.5 * OTHER)
+    like = at(0, LAW + 0.3 * OTHER)
     rest = remaining(NOISE + at(0, 4.0 * UNKNOWN + 8.0 * LAW), a=at(0, LAW), b=like)
     assert rest.standing == ("a",)
 

@@ -7,9 +7,10 @@ import pytest
 
 from lacet.identify.chains import effects as laws
 from lacet.identify.chains.constants import half_of_constant, searched
-from lacet.identify.chains.effects import EncoderOffset, JointEffect, StribeckFriction
+from lacet.identify.chains.effects import BaseInclination, EncoderOffset, JointEffect, StribeckFriction
 from lacet.identify.chains.model import ChainModel, standard_effects
 from lacet.identify.chains.ranking import JointAnswer, JointCandidate, candidates_of
+from lacet.identify.chains.samples import Recorded
 from lacet.identify.multibody.chain import Chain
 from lacet.services.library.chains import IdentifiedChain, RankedLaws, identify_chain
 from tests.identify.chains.arms import ARM, NOISE, RATE, VALUES, exact, states
@@ -116,15 +117,29 @@ def test_a_base_that_leans_is_named_with_the_first_moments_that_gravity_then_act
 
 
 def test_what_is_explained_is_a_part_of_the_measured_torque():
-    """However large the offset of an encoder is that a fit is asked for: here by wrong torques."""
-    q, tau = exact(1, 20.0)
-    wrong = tau + np.outer(3.0 * np.sin(np.arange(len(q)) / 90.0), [0.0, 1.0, 0.0, 0.0])
-    plain = identify_chain(ARM, q, wrong, rate=RATE, cutoff=4.0)
-    for one in (plain, plain.with_effects(EncoderOffset(3))):
-        for score in one.scores:
-            part = 100.0 * (1.0 - (score.rms / score.variation) ** 2)
-            assert score.explained == pytest.approx(part, abs=0.5)
-        assert one.scores[1].variation == pytest.approx(plain.scores[1].variation, rel=1e-9)
+    """Whatever is known otherwise of the positions, here an encoder's zero."""
+    plain = found(5, moved=np.array([0.0, 0.02, 0.0, 0.0]))
+    better = plain.with_effects(EncoderOffset(2))
+    assert np.max(np.abs(better.fitted.y - better.fitted.measured)) > 0.1
+    for one in (plain, better):
+        for score, alone in zip(one.scores, plain.scores, strict=True):
+            assert score.variation == pytest.approx(alone.variation, rel=1e-9)
+            assert score.explained == pytest.approx(100.0 * (1.0 - (score.rms / alone.variation) ** 2), abs=0.5)
+
+
+def test_the_column_of_an_inclination_is_the_torques_change_with_it():
+    """By differences, where the base leans already."""
+    model = ChainModel.of(ARM, [*standard_effects(ARM), BaseInclination(axis=0)])
+    place = model.place["inclination.x"].start
+    standard = np.array([VALUES.get(name, 1.5) for name in model.names])
+    q, tau = exact(1, 4.0)
+    recorded = Recorded.read(ARM, q, tau, rate=RATE, t=None)
+    samples = recorded.samples(recorded.filters(4.0, None, len(model.base.independent)))
+    step = np.zeros(len(standard))
+    step[place] = 1e-4
+    more, less = (model.torques(samples, standard + sign * step) for sign in (1.0, -1.0))
+    column = model.columns(samples, standard)[:, :, place]
+    np.testing.assert_allclose(column, (more - less) / 2e-4, atol=1e-6 * np.max(np.abs(column)))
 
 
 @pytest.mark.parametrize(("gravity", "axes"), [((0, 0, -9.81), "xy"), ((0, -9.8, 0.4), "xz"), ((0, 0, 0), "")])
