@@ -33,11 +33,6 @@ none."""
 _HOLES = 10.0
 """Distance of a sentinel from all other values ÷ the widest hole among these, at least: a coarse distribution, and the
 tail of any, has holes. Source: a choice."""
-_LEVELS = 10
-"""Levels next to the end of a range, with whose numbers of samples its own is compared."""
-_CROWDED = 10.0
-"""Samples at the end of a range ÷ those at the fullest level next to it, at least. Source: the crest of a coarse sine
-has 2.4 times as many as the level below it."""
 _ONLY_NOISE = 1.5
 """Variation ÷ noise of the sensor sheet up to which a column shows noise alone: a measured noise is that of its sheet
 to a quarter (`noise_level`), and a window's own scatter comes on top."""
@@ -191,7 +186,7 @@ def _range_ends(run: Run, rig: Rig) -> _Found:
     for name, column, signal, good, series in _columns(run):
         for highest in (True, False):
             at = series == (np.max(series) if highest else np.min(series))
-            if not _is_range_end(signal, good, series, at, highest):
+            if not _is_range_end(signal, good, series, at):
                 continue
             index = good[at]
             value, mask = float(series[at][0]), _mask(signal, index)
@@ -205,11 +200,10 @@ def _range_ends(run: Run, rig: Rig) -> _Found:
                 yield found, {name: mask}
 
 
-def _is_range_end(signal: Signal, good: NDArray[np.intp], series: Array, at: NDArray[np.bool_], highest: bool) -> bool:
-    """Whether a noisy column returns to its highest or lowest value, and has it more often than by chance.
+def _is_range_end(signal: Signal, good: NDArray[np.intp], series: Array, at: NDArray[np.bool_]) -> bool:
+    """Whether a noisy column returns to its highest or lowest value, and stays at it more often than by chance.
 
-    By chance a noisy column has equal neighbours there as often as elsewhere, and a coarse one as many samples as at
-    the levels next to it.
+    By chance a noisy column has equal neighbours there as often as elsewhere.
     """
     pairs = int(np.count_nonzero(at[1:] & at[:-1]))
     rest = series[~at]
@@ -218,10 +212,7 @@ def _is_range_end(signal: Signal, good: NDArray[np.intp], series: Array, at: NDA
     part = (np.count_nonzero(np.diff(rest) == 0.0) + 1.0) / (rest.size + 1.0)
     if series.size * part**pairs > CHANCE:
         return False
-    counts = np.unique(rest, return_counts=True)[1]
-    beside = counts[-_LEVELS:] if highest else counts[:_LEVELS]
-    crowded = int(np.count_nonzero(at)) >= _CROWDED * int(np.max(beside))
-    return crowded and _is_noisy(signal, good, rest)
+    return _is_noisy(signal, good, rest)
 
 
 # -- dead stretches ----------------------------------------------------------------------------------------------------

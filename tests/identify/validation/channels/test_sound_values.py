@@ -43,7 +43,7 @@ def test_a_column_that_jumps_between_levels_has_no_sentinel():
 def range_end(series: np.ndarray) -> bool:
     """Whether the highest value of a series is the end of a range."""
     signal = Signal(T, series[:, None], np.zeros(T.size, np.uint8))
-    return _is_range_end(signal, np.arange(T.size), series, series == np.max(series), True)
+    return _is_range_end(signal, np.arange(T.size), series, series == np.max(series))
 
 
 def test_a_clipped_column_is_at_the_end_of_its_range():
