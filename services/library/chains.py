@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -210,6 +210,11 @@ class RankedLaws:
     def failing(self) -> tuple[JointScore, ...]:
         """The joints whose errors are above their noise floor by more than chance, the worst first."""
         return failing_joints(self.scores)
+
+    @property
+    def unlisted(self) -> Mapping[str, float]:
+        """Joint → error ÷ noise floor with the laws found missing in the model, where something unlisted remains."""
+        return self.ranking.unlisted
 
     @property
     def candidates(self) -> tuple[JointCandidate, ...]:

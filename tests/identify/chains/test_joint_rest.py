@@ -111,8 +111,8 @@ def test_where_gravity_is_given_another_way_something_unlisted_remains():
     )  # fmt: skip
     assert identify_chain(ARM, q, tau, rate=RATE).rank().verdict == "nothing missing"
     ranking = identify_chain(leaning, q, tau, rate=RATE).rank()
-    assert ranking.ranking.unlisted
-    assert all(ratio > 2.0 for ratio in ranking.ranking.unlisted.values())
+    assert ranking.unlisted
+    assert all(ratio > 2.0 for ratio in ranking.unlisted.values())
     said = repr(ranking)
     assert "the direction of gravity" in said or "something not listed remains at" in said.lower()
     weak = [one for one in ranking.candidates if one.answer is JointAnswer.UNDECIDED]
