@@ -12,7 +12,7 @@ from lacet.daq.maps.channel_map import ChannelMap
 from lacet.daq.maps.mapped_run import map_beside, mapped_run
 from lacet.daq.run import Run
 from lacet.daq.sources.open_source import KINDS as SOURCE_KINDS
-from lacet.daq.sources.open_source import is_bag
+from lacet.daq.sources.open_source import is_bag, not_read
 
 KINDS = tuple(dict.fromkeys((".mcap", *sorted(exchange.SUFFIXES), *mf4.SUFFIXES, *SOURCE_KINDS)))
 """Suffixes of files that can be runs."""
@@ -66,7 +66,7 @@ def open_run(path: str | Path, map: str | Path | ChannelMap | None = None) -> Ru
         raise RunError(path, [f"this is a ROS 2 bag: {remedy}"])
     if suffix in SOURCE_KINDS:
         raise RunError(path, [f"this is a log of another system ({SOURCE_KINDS[suffix]}): {remedy}"])
-    raise RunError(path, [f"unknown kind of file '{suffix}': give {', '.join(KINDS)}"])
+    raise RunError(path, [not_read(file, KINDS)])
 
 
 def open_log(path: str | Path, map: ChannelMap | None) -> Run:

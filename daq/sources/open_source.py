@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -29,6 +29,13 @@ _PACKED = "its files are compressed as a whole (.zstd): unpack them first, zstd 
 def is_bag(path: Path) -> bool:
     """Whether a path is the folder of a ROS 2 bag, read or not."""
     return (path / _BAG).is_file()
+
+
+def not_read(file: Path, known: Iterable[str]) -> str:
+    """Why a file of an unknown kind is not read, where `known` suffixes are, and what to do."""
+    if file.suffix.lower() == ".bag":
+        return _ROS1.format(file=file, folder=file.with_suffix(""))
+    return f"unknown kind of file '{file.suffix.lower()}': give {', '.join(known)}"
 
 
 def _bag(folder: Path, reading: Reading) -> Source:
@@ -94,11 +101,8 @@ def open_source(path: str | Path, reading: Reading | None = None) -> Source:
             return McapMessages(file, reading)
         case "BLF":
             raise fault(file, "this is no BLF log (it does not begin with 'LOGG')")
-        case _ if file.suffix.lower() == ".bag":
-            raise fault(file, _ROS1.format(file=file, folder=file.with_suffix("")))
         case _:
-            known = ", ".join(KINDS)
-            raise fault(file, f"unknown kind of file '{file.suffix}': give one of {known}")
+            raise fault(file, not_read(file, KINDS))
 
 
 @contextmanager

@@ -232,8 +232,8 @@ class EncoderOffset(JointEffect):
 
 @dataclass(frozen=True)
 class BaseInclination(JointEffect):
-    """A base that leans: gravity has a part GX, GY or GZ [m/s²] along one more axis of the ground frame, of which the
-    whole keeps its size. The part ÷ gravity is the tangent of the inclination.
+    """A base that leans: gravity keeps its size and points along one more axis of the ground frame, too, by GX, GY or
+    GZ [m/s²] beside the part that was given. Their ratio is the tangent of the inclination.
 
     It is named up to a quarter of gravity, 14°: one sees more.
 
@@ -292,4 +292,4 @@ EVERY: tuple[type[JointEffect], ...] = (
 ACROSS: tuple[type[JointEffect], ...] = (RotorInertia, ViscousFriction, CoulombFriction)
 """Laws that a ranking tries of a motor that turns with two neighbouring joints."""
 OF_BODIES: tuple[type[JointEffect], ...] = (EncoderOffset, BaseInclination)
-"""What is known otherwise of the bodies than their parameters: it acts through their torques alone."""
+"""Laws that act through the bodies' torques alone: where a joint stands, and where gravity points."""

@@ -62,19 +62,15 @@ class Copies:
     columns: tuple[str, ...]
 
 
-def columns_at_rest(run: Run, rig: Rig) -> list[StandStill]:
-    """Columns with a stretch of equal values that is no chance, in which others of their kind move.
+def resting_stretches(run: Run, rig: Rig) -> list[tuple[StandStill, dict[str, NDArray[np.bool_]]]]:
+    """Columns with a stretch of equal values that is no chance, in which others of their kind move; each entry with its
+    columns → (N,) samples of the channel in their stretches.
 
     Those whose stretches begin and end within one sample of each other are one entry: a logger, or one wire.
 
     A stretch of m equal values among n is chance where n p^m is not small, p the part of equal neighbours in the rest
     of the column: a coarse or a held value repeats itself all the time. Optional channels (brakes) may rest.
     """
-    return [found for found, _ in resting_stretches(run, rig)]
-
-
-def resting_stretches(run: Run, rig: Rig) -> list[tuple[StandStill, dict[str, NDArray[np.bool_]]]]:
-    """The entries of `columns_at_rest`, each with its columns → (N,) samples of the channel in their stretches."""
     found: list[tuple[StandStill, dict[str, NDArray[np.bool_]]]] = []
     for name, signal in run.signals.items():
         channel = CHANNELS[name]

@@ -97,7 +97,7 @@ class LeansAlike:
 def quiet_columns(run: Run, rig: Rig) -> list[TooQuiet]:
     """Columns far below their own noise, by family; none where half of the family, or more, is.
 
-    Columns that do not vary at all belong to `columns_at_rest`.
+    Columns that do not vary at all belong to `resting_stretches`.
     """
     families: dict[str, dict[str, float]] = {}
     for name, signal in run.signals.items():

@@ -21,8 +21,8 @@ WIDTH = 1180.0
 _COLUMNS = 2
 _FEW = 5
 """Versions whose labels have the larger type."""
-_LABELS = ((9, 80), (7, 84))
-"""Size of the labels' type [pt], and characters of it side by side below the picture: of few versions, of many."""
+_LARGE, _SMALL = (9, 80), (7, 84)
+"""Size of the labels' type [pt], and characters of it side by side below the picture."""
 _BROAD = 900.0
 """Width of a picture on the first page, which is an upright sheet of paper when printed [px]."""
 
@@ -94,7 +94,7 @@ def fall_figure(versions: Sequence[Any]) -> Figure:
     axes.set_yticks([1, 2, 5, 10, 20], ["1", "2", "5", "10", "20"])
     axes.minorticks_off()
     axes.set_ylim(0.7, max(2.0, high * 1.3))
-    size, room = _LABELS[len(versions) > _FEW]
+    size, room = _LARGE if len(versions) <= _FEW else _SMALL
     axes.set_xticks(x, [fill(f"{v.number}: {v.note}", max(room // len(versions), 4)) for v in versions], fontsize=size)
     axes.set_ylabel("error ÷ noise floor")
     axes.legend(frameon=False, fontsize=9)

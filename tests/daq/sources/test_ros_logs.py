@@ -177,6 +177,9 @@ def test_a_bag_of_another_kind_is_refused_with_the_remedy(tmp_path: Path, name: 
     (tmp_path / name).write_bytes(b"#ROSBAG V2.0\n")
     with pytest.raises(RunError, match=says):
         open_source(tmp_path / name if name.endswith(".bag") else tmp_path / "bag")
+    if name.endswith(".bag"):
+        with pytest.raises(RunError, match=says):
+            open_run(tmp_path / name)
 
 
 def test_a_folder_that_is_no_bag_is_refused(tmp_path: Path) -> None:

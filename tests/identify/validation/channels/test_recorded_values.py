@@ -10,7 +10,8 @@ import pytest
 from lacet.daq.channels import CHANNELS, COLUMNS
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.rig import Rig
-from lacet.identify.validation.channels.recorded_values import columns_at_rest, copied_columns
+from lacet.daq.run import Run
+from lacet.identify.validation.channels.recorded_values import StandStill, copied_columns, resting_stretches
 from lacet.services.workspace.loading import load
 from tests.identify.validation.channels.spoilt_columns import series_of, with_column
 from tests.support.tables import CAR, piece, without, written
@@ -19,11 +20,16 @@ RIG = Rig.load(CAR / "rig.toml")
 EVERY = [column for column, (channel, _) in COLUMNS.items() if not channel.optional]
 
 
+def at_rest(run: Run) -> list[StandStill]:
+    """Columns that stand still, by stretch."""
+    return [found for found, _ in resting_stretches(run, RIG)]
+
+
 @pytest.mark.parametrize("column", EVERY)
 @pytest.mark.parametrize("value", [0.0, 14.0])
 def test_a_column_that_stands_still_all_the_time_is_told_with_its_seconds(column: str, value: float) -> None:
     run = piece()
-    (found,) = columns_at_rest(with_column(run, column, value), RIG)
+    (found,) = at_rest(with_column(run, column, value))
     assert found.values == {column: value}
     t = run.signals[COLUMNS[column][0].name].t
     assert (found.start, found.stop) == (t[0], t[-1])
@@ -35,7 +41,7 @@ def test_a_column_that_stops_is_told_from_then_on() -> None:
     t, values = run.signals[column].t, series_of(run, column).copy()
     dead = t > 11.0
     values[dead] = values[~dead][-1]
-    (found,) = columns_at_rest(with_column(run, column, values), RIG)
+    (found,) = at_rest(with_column(run, column, values))
     assert [*found.values] == [column]
     assert found.start == pytest.approx(11.0, abs=0.01)
     assert found.stop == t[-1]
@@ -50,7 +56,7 @@ def test_columns_that_stop_together_are_told_together(tmp_path: Path) -> None:
         still = (t >= 8.0) & (t <= (10.0 if column in hung else 12.0))
         values[still] = values[still][0]
         run = with_column(run, column, values)
-    found = sorted(columns_at_rest(run, RIG), key=lambda one: one.stop)
+    found = sorted(at_rest(run), key=lambda one: one.stop)
     assert [sorted(one.values) for one in found] == [sorted(hung), ["laser.rr.hub"]]
     said = load([written(run, tmp_path / "run.parquet")], CAR / "rig.toml", CAR / "vehicle.toml").warnings
     (together,) = (line for line in said if "stand still together" in line)
@@ -64,7 +70,7 @@ def test_a_value_held_over_several_rows_is_no_rest() -> None:
     held = np.repeat(series_of(run, "camera.fl.steer")[::5], 5)[: run.signals["camera.fl.steer"].t.size]
     run = with_column(run, "camera.fl.steer", held)
     coarse = np.round(series_of(run, "laser.fl.hub"), 3)
-    assert columns_at_rest(with_column(run, "laser.fl.hub", coarse), RIG) == []
+    assert at_rest(with_column(run, "laser.fl.hub", coarse)) == []
 
 
 def test_a_car_that_stands_has_no_column_at_rest() -> None:
@@ -72,7 +78,7 @@ def test_a_car_that_stands_has_no_column_at_rest() -> None:
     run = piece()
     for channel in (c for c in CHANNELS.values() if c.family in ("wheel.speed", "wheel.angle", "correvit.speed")):
         run = run.with_values({channel.name: 0.0 * run.signals[channel.name].values})
-    assert columns_at_rest(run, RIG) == []
+    assert at_rest(run) == []
 
 
 @pytest.mark.parametrize(("column", "of"), [
@@ -88,14 +94,14 @@ def test_a_copy_is_told_with_what_it_is_a_copy_of(column: str, of: str) -> None:
 @pytest.mark.parametrize("name", ["sine", "rough", "liftoff", "sweep"])
 def test_nothing_is_said_of_sound_runs(name: str) -> None:
     run = open_run(CAR / f"{name}.parquet")
-    assert columns_at_rest(run, RIG) == []
+    assert at_rest(run) == []
     assert copied_columns(run) == []
 
 
 @pytest.mark.parametrize("gone", ["imu.", "imu.accel", "correvit", "laser.", "camera.fl", "wheel.", "wheel.fl.speed"])
 def test_what_was_not_measured_is_no_fault(gone: str) -> None:
     run = without(piece(), gone)
-    assert columns_at_rest(run, RIG) == []
+    assert at_rest(run) == []
     assert copied_columns(run) == []
 
 
