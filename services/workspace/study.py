@@ -107,8 +107,8 @@ class Study:
                 (folder / part).mkdir(parents=True, exist_ok=True)
         except OSError as cause:
             raise UsageError(f"{folder}: no folder can be made there: {cause.strerror}") from None
-        (folder / "rig.toml").write_text(rig.text, encoding="utf-8")
-        (folder / "vehicle.toml").write_text(vehicle.text, encoding="utf-8")
+        _write_text(folder / "rig.toml", rig.text)  # whole: a page may read an earlier one there meanwhile
+        _write_text(folder / "vehicle.toml", vehicle.text)
         study = cls(
             folder, tuple(_relative(p, folder) for p in used), tuple(_relative(p, folder) for p in held),
             filters or Filters(), draws,
@@ -305,13 +305,15 @@ def _refuse_both(used: Sequence[Path], held: Sequence[Path]) -> None:
 
 
 def _write(file: Path, body: Mapping[str, Any]) -> None:
-    """Write a complete file or none: a study interrupted while writing keeps its last good state.
-
-    The result of minutes is not lost for a folder that somebody has removed.
-    """
+    """Write a JSON file; the result of minutes is not lost for a folder that somebody has removed."""
     file.parent.mkdir(exist_ok=True)
+    _write_text(file, json.dumps(body, indent=1, ensure_ascii=False) + "\n")
+
+
+def _write_text(file: Path, text: str) -> None:
+    """Write a complete file or none: whoever reads meanwhile, or is left after a cut, has the last good state."""
     beside = file.with_suffix(".tmp")
-    beside.write_text(json.dumps(body, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    beside.write_text(text, encoding="utf-8")
     beside.replace(file)
 
 

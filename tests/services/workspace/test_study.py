@@ -71,6 +71,21 @@ def test_what_is_written_is_read(study: Study):
     assert dict(next(e for e in model.effects if e.key == "bump_stop.front").shape) == {"gap": 0.02}
 
 
+def test_whoever_reads_the_descriptions_while_a_study_is_made_reads_whole_ones(tmp_path: Path):
+    """As the page does, whose study may lie in the folder of the files given to it."""
+    rig, vehicle = Rig.load(CAR / "rig.toml"), Vehicle.load(CAR / "vehicle.toml")
+    names = ("rig.toml", "vehicle.toml")
+    for name in names:
+        (tmp_path / name).write_text("# earlier\n" + (CAR / name).read_text(encoding="utf-8"), encoding="utf-8")
+    before = [(tmp_path / name).open(encoding="utf-8") for name in names]
+    Study.create(tmp_path, [tmp_path / "a.parquet"], [], rig, vehicle)
+    for name, file in zip(names, before, strict=True):
+        with file:
+            assert file.read() == "# earlier\n" + (CAR / name).read_text(encoding="utf-8")
+        assert (tmp_path / name).read_text(encoding="utf-8") == (CAR / name).read_text(encoding="utf-8")
+    assert sorted(p.name for p in tmp_path.glob("*.tmp")) == []
+
+
 def test_versions_are_never_overwritten_and_undo_goes_to_the_parent(study: Study):
     one = study.record({}, "base", RESULT)
     two = one.record({"anti_roll_bar.front": {}}, "added", RESULT)
