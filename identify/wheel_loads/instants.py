@@ -37,7 +37,7 @@ from lacet.identify.wheel_loads.tyre_contact import (
     WheelLoads,
     with_loads,
 )
-from lacet.identify.wheel_loads.without_dynamometers import placed
+from lacet.identify.wheel_loads.without_dynamometers import placed, vertical_rows
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class Instants:
     ):
         self.car, self.run, self.rows, self.changes, self.rng = car, run, rows, changes, rng
         self.motion = run.motion
-        self.usable = _through_ends(run, rows)
+        self.usable = _through_gaps(run, rows)
 
     def solved(self) -> Solved:
         """The forces and what they depend on."""
@@ -230,11 +230,7 @@ class Instants:
         `there` (comb, rows) : 1 where a row has a sample. What was solved without a row is not smeared into them.
         """
         place = {row: i for i, row in enumerate(self.rows)}
-        inside = there[:, place[CHASSIS_ROWS[0]]] > 0.0
-        own = inside.copy()
-        for c in CORNERS:
-            vertical = [place[row] for row in (Row(f"suspension.{c}"), Row(f"tyre.{c}")) if row in place]
-            own &= np.any(there[:, vertical] > 0.0, axis=1)
+        own = _determined(there.T > 0.0, self.rows)
         by_axle = np.zeros_like(own)
         for wheels in AXLES.values():
             spins = [place[row] for c in wheels if (row := Row(f"spin.{c}")) in place]
@@ -242,17 +238,26 @@ class Instants:
         filters = self.run.recording.filters
         width = 2 * round(filters.edge * filters.rate / filters.step) + 1
 
-        def away_from_gaps(instants: NDArray[np.bool_]) -> NDArray[np.bool_]:
-            gap = (inside & ~instants).astype(float)
-            return instants & (scipy.ndimage.maximum_filter1d(gap, width, mode="constant") == 0.0)
-
-        return away_from_gaps(own), away_from_gaps(by_axle)
+        gap = (own & ~by_axle).astype(float)
+        return own, by_axle & (scipy.ndimage.maximum_filter1d(gap, width, mode="constant") == 0.0)
 
 
-def _through_ends(run: PreparedRun, rows: Sequence[Row]) -> NDArray[np.bool_]:
-    """(rows, N) whether a row holds: where it is usable, and at the run's ends, which the filters alone spoil."""
+def _through_gaps(run: PreparedRun, rows: Sequence[Row]) -> NDArray[np.bool_]:
+    """(rows, N) whether a row is solved with: where it is usable, and where the forces are not determined otherwise.
+
+    These are the run's ends and gaps, of which nothing is reported. Without rows the solution there would be without
+    bound, and the filter would carry it to instants that are.
+    """
     measured = run.measured_rows
     usable = np.stack([measured.usable[row] for row in rows])
-    spoilt = ~np.any(usable, axis=0)
     always = np.array([not measured.torques[row].released for row in rows])
-    return usable | (always[:, None] & spoilt)
+    return usable | (always[:, None] & ~_determined(usable, rows))
+
+
+def _determined(there: NDArray[np.bool_], rows: Sequence[Row]) -> NDArray[np.bool_]:
+    """(N,) whether `there` (rows, N) has the chassis rows and, of each wheel, a row of its vertical force."""
+    place = {row: i for i, row in enumerate(rows)}
+    out = there[place[CHASSIS_ROWS[0]]].copy()
+    for c in CORNERS:
+        out &= np.any(there[[place[row] for row in vertical_rows(c) if row in place]], axis=0)
+    return out

@@ -19,6 +19,11 @@ LOADS = tuple(f"wheel.{c}.{what}" for c in CORNERS for what in ("force", "moment
 """Channels of the wheel loads."""
 
 
+def vertical_rows(corner: str) -> tuple[Row, ...]:
+    """The rows of a wheel's vertical force, one of which determines it."""
+    return Row(f"suspension.{corner}"), Row(f"tyre.{corner}")
+
+
 def as_measured(recording: Recording) -> Recording:
     """The recording without what was derived or assumed in it: without loads that is less than with them in place."""
     value = {name: series for name, series in recording.signals.value.items() if name not in recording.sources}
@@ -67,7 +72,7 @@ def rows_of(recording: Recording, identified: Collection[Row]) -> tuple[Row, ...
         raise NotIdentifiable(
             f"{where}: the study has not identified {names}: its runs need dynamometers at all wheels"
         )
-    vertical = [[Row(f"suspension.{c}"), Row(f"tyre.{c}")] for c in CORNERS]
+    vertical = list(map(vertical_rows, CORNERS))
     for either in vertical:
         if not any(row in identified for row in either):
             raise NotIdentifiable(f"{where}: the study has identified neither {' nor '.join(either)}")

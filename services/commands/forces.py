@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from lacet.daq.errors import UsageError
-from lacet.daq.formats.result import DONE, write_result
+from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.parts import require
 from lacet.identify.regression.wls import corrected_run
 from lacet.identify.wheel_loads.known_car import Changes
@@ -27,7 +27,7 @@ DESCRIPTION = """\
 Estimate the wheel forces of a run without dynamometers, of a car identified once with them: each with a 95 % band, up
 to the fit's cut-off: vertical at each wheel, longitudinal of the car (by axle where a row separates them), lateral by
 axle; never lateral left and right. Where the run does have dynamometers they are not used, and the error against them
-is shown. A missing channel is named. How, and what is assumed: docs/forces.md.
+is shown. A missing channel is named, doubtful ones are (exit code 3). How, and what is assumed: docs/forces.md.
 
   lacet forces STUDY run.mcap                          table, and a picture in STUDY/pictures
   lacet forces STUDY run.parquet -o forces.parquet     time histories; .csv the same
@@ -73,7 +73,8 @@ def run(args: argparse.Namespace) -> int:
     with Line("forces") as line:
         session = Session(study.at(version), line.progress)
         with session.planned(("compared", version)):
-            drive = read_run(study, args.run_file, args.rig, args.map)
+            checked = read_run(study, args.run_file, args.rig, args.map)
+            drive = checked.prepared
             first, last = (round(float(drive.recording.t[end]), 1) for end in (0, -1))  # as printed
             if args.rest and not first <= args.rest[0] < args.rest[1] <= last:
                 raise UsageError(
@@ -100,9 +101,11 @@ def run(args: argparse.Namespace) -> int:
     print(forces_table(estimated, found))
     if sentence := not_determined(estimated):
         print(sentence)
+    for doubt in checked.doubts:
+        print(f"! {doubt}")
     for name, file in (("table", args.output), ("picture", picture)):
         if file:
             print(f"{name}: {file}")
-    files = {"output": args.output, "picture": picture}
+    files = {"output": args.output, "picture": picture, "warnings": checked.doubts}
     write_result(args.json, "forces", {"version": version.number, **forces_result(estimated, found), **files})
-    return DONE
+    return WITH_LOSSES if checked.doubts else DONE

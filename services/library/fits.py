@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -15,7 +16,6 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.progress import silent
 from lacet.identify.regression import wls
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.joint.shape_constants import constants_by_runs
 from lacet.identify.validation.noise_floor import SCORE_DRAWS, NoiseFloor, floor_of
@@ -28,11 +28,12 @@ from lacet.identify.wheel_loads.observer import estimate_forces
 from lacet.identify.wheel_loads.outputs import EstimatedForces
 from lacet.services.library.display import html_table, shortened
 from lacet.services.library.pictures import Picture, drawn
-from lacet.services.library.runs import Runs
+from lacet.services.library.runs import LoadingWarning, Runs
 from lacet.services.one_thread import one_thread
 from lacet.services.render import tables
 from lacet.services.render.intervals import half_width, to_interval, with_interval
 from lacet.services.render.progress import in_words
+from lacet.services.workspace.loading import checked_run
 from lacet.services.workspace.results import fit_result
 
 
@@ -135,6 +136,8 @@ class Fit:
     ) -> EstimatedForces:
         """Wheel forces of a run without dynamometers, with 95 % bands (docs/forces.md).
 
+        A doubtful channel of the run is a `LoadingWarning`, as in `load_runs`.
+
         Parameters
         ----------
         run : file of a run of the same car, by the instruments of the runs used; its own wheel loads are not used.
@@ -156,10 +159,12 @@ class Fit:
         with one_thread():
             recording = self.runs.prepared[0].recording
             read = replace(open_log(Path(run), None), wheel_reference=loaded.reference)
-            drive = PreparedRun.of(read, loaded.vehicle, loaded.rig, recording.filters)
+            checked = checked_run(read, loaded.vehicle, loaded.rig, recording.filters)
+            for doubt in checked.doubts:
+                warnings.warn(f"{checked.run.name}: {doubt}", LoadingWarning, stacklevel=2)
             compared = [(one, compare(self.details, one, SCORE_DRAWS)) for one in held or self.runs]
             car = known_car(self.details, self.knowledge, compared)
-            return estimate_forces(car, drive, Changes(*mass, rest))
+            return estimate_forces(car, checked.prepared, Changes(*mass, rest))
 
     def summary(self) -> str:
         """Parameters with their intervals, whole-vehicle and derived values, and those not identifiable, as text."""

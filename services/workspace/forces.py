@@ -13,14 +13,14 @@ from lacet.daq.errors import UsageError
 from lacet.daq.formats.open_run import open_log
 from lacet.daq.maps.channel_map import ChannelMap
 from lacet.daq.rig import Rig
-from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.wheel_loads.measured_forces import ComparedForces, ForceError
 from lacet.identify.wheel_loads.outputs import EstimatedForces
+from lacet.services.workspace.loading import CheckedRun, checked_run
 from lacet.services.workspace.study import Study
 
 
-def read_run(study: Study, path: Path, rig: Path | None = None, channel_map: Path | None = None) -> PreparedRun:
-    """A run of the study's car, prepared with its filters; wheel loads are not needed.
+def read_run(study: Study, path: Path, rig: Path | None = None, channel_map: Path | None = None) -> CheckedRun:
+    """A run of the study's car, prepared with its filters, and its doubtful channels; wheel loads are not needed.
 
     `rig` : of the run, where its instruments are not the study's. Raises UsageError when there is no such file.
     """
@@ -30,7 +30,7 @@ def read_run(study: Study, path: Path, rig: Path | None = None, channel_map: Pat
     sensors = study.rig if rig is None else Rig.load(rig)
     # Loads are at the study's point, whatever a log without any says.
     run = replace(run, wheel_reference=study.rig.wheel_reference)
-    return PreparedRun.of(run, study.vehicle, sensors, study.filters)
+    return checked_run(run, study.vehicle, sensors, study.filters)
 
 
 def forces_result(estimated: EstimatedForces, found: Mapping[str, ForceError]) -> dict[str, Any]:

@@ -78,6 +78,26 @@ class ReadyRun:
         return replace(self, prepared=PreparedRun(replace(recording, rig=used).smoothed()))
 
 
+@dataclass(frozen=True)
+class CheckedRun:
+    """A run prepared for its equations, and what is doubtful in its channels, one sentence each.
+
+    `run` : with the channels of its equations only, samples that are no measurement flagged; `unusable` : of those
+    samples; `recorded` : of faults of single channels, those first; `compared` : of channels that contradict others.
+    """
+
+    run: Run
+    prepared: PreparedRun
+    unusable: tuple[str, ...]
+    recorded: tuple[str, ...]
+    compared: tuple[str, ...]
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """All of them."""
+        return (*self.recorded, *self.compared)
+
+
 def find_rig(run: Run, given: str | Path | None) -> Rig:
     """The rig given, else the one in the run's log, else the one it names."""
     if given is not None:
@@ -194,21 +214,14 @@ def load(
 def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, warnings: list[str]) -> ReadyRun:
     """A run without wheels that seem exchanged, and prepared for fitting; what is doubtful is added to `warnings`.
 
-    Samples that are no measurement by their values are flagged, so that the others are used.
-
     Its equations use the noise of the rig's sheet; `ReadyRun.with_noise` puts the measured one in its place.
 
     Raises RunError when it is too short, NotIdentifiable when no row of the equations can be formed.
     """
-    run, rig = for_equations(run, vehicle, rig)
-    run, unusable = without_unusable(run, rig)
-    drive = PreparedRun.of(run, vehicle, rig, filters)
-    recorded = [channels.sentence(fault) for fault in (*unusable, *recorded_faults(run, drive))]
-    overview = drive.overview()
-    late = [plausibility.of_clocks(one) for one in differing_clocks(overview)]
-    doubts = late or [plausibility.sentence(doubt) for doubt in doubtful_channels(overview)]
-    warnings += [f"{run.name}: {said}" for said in (*recorded, *doubts)]
-    moved = {} if recorded else exchanged_wheels(overview)
+    checked = checked_run(run, vehicle, rig, filters)
+    run, drive = checked.run, checked.prepared
+    warnings += [f"{run.name}: {said}" for said in checked.doubts]
+    moved = {} if checked.recorded else exchanged_wheels(drive.overview())
     if moved:
         pairs = ", ".join(f"the loads of {wheel} follow the tyre at {corner}" for wheel, corner in moved.items())
         warnings.append(
@@ -221,7 +234,7 @@ def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, w
             if name.split(".")[0] != "wheel" or name.split(".")[1] not in moved
         }
         run = replace(run, signals=kept)
-        drive = PreparedRun.of(run, vehicle, rig, filters)
+        drive = PreparedRun.of(run, vehicle, drive.recording.rig, filters)
     warnings += [f"{run.name}: {note}" for note in run_notes((*drive.recording.notes, *drive.measured_rows.notes))]
     if not drive.rows:
         raise NotIdentifiable(
@@ -229,11 +242,28 @@ def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, w
                 [
                     f"{run.name}: no row of the equations can be formed:",
                     no_rows(drive.measured_rows.left_out),
-                    *map(channels.sentence, unusable),
+                    *checked.unusable,
                 ]
             )
         )
-    return ReadyRun(run, drive, not (recorded or doubts or moved), _noise_in_rows(run, drive))
+    return ReadyRun(run, drive, not (checked.doubts or moved), _noise_in_rows(run, drive))
+
+
+def checked_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None) -> CheckedRun:
+    """A run prepared for its equations, whether or not it has wheel loads, with its doubtful channels.
+
+    Samples that are no measurement by their values are flagged, so that the others are used. Raises RunError when the
+    run is too short.
+    """
+    run, rig = for_equations(run, vehicle, rig)
+    run, flagged = without_unusable(run, rig)
+    drive = PreparedRun.of(run, vehicle, rig, filters)
+    unusable = tuple(map(channels.sentence, flagged))
+    overview = drive.overview()
+    late = [plausibility.of_clocks(one) for one in differing_clocks(overview)]
+    compared = late or [plausibility.sentence(doubt) for doubt in doubtful_channels(overview)]
+    single = map(channels.sentence, recorded_faults(run, drive))
+    return CheckedRun(run, drive, unusable, (*unusable, *single), tuple(compared))
 
 
 def in_common(ready: Sequence[ReadyRun]) -> tuple[list[ReadyRun], tuple[NoiseLevel, ...]]:

@@ -87,6 +87,23 @@ def test_axles_are_not_told_apart_where_nothing_does(found: dict[str, EstimatedF
         assert not forces["axle.front.force_estimated.x"].determined.any()
 
 
+def test_a_gap_of_one_laser_does_not_reach_the_instants_beside_it(
+    found: dict[str, EstimatedForces], fitted: Fit, drives: dict[str, PreparedRun]
+) -> None:
+    """While it lasts neither chassis rows nor two rows of that wheel hold, and the other wheels' rows still do."""
+    run = hidden(drives["sine"])
+    mask = np.ones(run.recording.t.size, bool)
+    mask[625:875] = False  # the two seconds that a gap of half a second takes with its edges
+    record = replace(run.recording, usable={**run.recording.usable, "laser.fl.hub": mask})
+    forces, whole = estimate_forces(KnownCar(fitted), PreparedRun(record)), found["sine"]
+    gap = record.t[625], record.t[874]
+    assert set(whole.t) - set(forces.t) == {t for t in whole.t if gap[0] <= t <= gap[1]} != set()
+    beside = np.isin(whole.t, forces.t)
+    for c in CORNERS:
+        one, other = forces[f"wheel.{c}.force_estimated.z"], whole[f"wheel.{c}.force_estimated.z"]
+        assert np.abs(one.value - other.value[beside]).max() < 0.1 * other.half95.mean(), c
+
+
 def test_what_is_assumed_holds_however_often_the_loads_are_solved_for(
     fitted: Fit, drives: dict[str, PreparedRun]
 ) -> None:

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from lacet.daq.formats.result import FORMAT
+from lacet.daq.formats.result import DONE, FORMAT, WITH_LOSSES
 from lacet.daq.rig import Rig
 from lacet.services.commands.__main__ import find_commands, main
 from lacet.services.commands.check import QUESTIONS
@@ -132,8 +132,8 @@ def test_identify_study_compare_diagnose_and_add(tmp_path: Path, monkeypatch: py
     held = str(written(piece("sweep", 5.0, 12.0), tmp_path / "held.parquet"))
     folder, file = str(tmp_path / "study"), tmp_path / "result.json"
 
-    def run(*argv: str) -> dict[str, Any]:
-        assert main([*argv, "--json", str(file)]) == 0
+    def run(*argv: str, status: int = DONE) -> dict[str, Any]:
+        assert main([*argv, "--json", str(file)]) == status
         return conforms(file, argv[0])
 
     fitted = run("identify", used, *FILES)
@@ -149,6 +149,14 @@ def test_identify_study_compare_diagnose_and_add(tmp_path: Path, monkeypatch: py
     forces = run("forces", folder, str(bare), "-o", str(table), "--no-picture")
     assert all(one["error"] is None for one in forces["forces"].values())
     assert table.read_text("utf-8").startswith("t,wheel.fl.force_estimated.z,wheel.fl.force_estimated.z.half95,")
+    broken = pq.read_table(bare)
+    laser = broken["laser.fl.hub"].to_numpy().copy()
+    laser[-200:] = -9999.0
+    place = broken.column_names.index("laser.fl.hub")
+    pq.write_table(broken.set_column(place, "laser.fl.hub", pa.array(laser)), bare)
+    doubted = run("forces", folder, str(bare), "--no-picture", status=WITH_LOSSES)
+    assert [said[:36] for said in doubted["warnings"]] == ["laser.fl.hub stands still at -9999 f"]
+    assert 0.0 < doubted["instants"] < forces["instants"]
     looked = run("where", folder, "--run", "held")
     assert looked["left"] == {}  # seven seconds are too short for cross-validation
     assert set(looked["phases"]) == {"held"}
