@@ -311,7 +311,7 @@ def _write(file: Path, body: Mapping[str, Any]) -> None:
 
 
 def _write_text(file: Path, text: str) -> None:
-    """Write a complete file or none: whoever reads meanwhile, or is left after a cut, has the last good state."""
+    """Write a complete file or none: whoever reads meanwhile, or after an interruption, has the last good one."""
     beside = file.with_suffix(".tmp")
     beside.write_text(text, encoding="utf-8")
     beside.replace(file)
