@@ -15,6 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lacet.identify.car.rows import Row
+from lacet.identify.effects.base import with_places
 from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.base_parameters import find_base
 from lacet.identify.multibody.vectors import Array
@@ -24,8 +25,9 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.qr_accumulation import triangle
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.sensor_offsets import zeros_of
+from lacet.identify.regression.shape_uncertainty import ConstantChange
 from lacet.identify.regression.uncertainty import at_least, clustered_scores, hac
-from lacet.identify.regression.wls import Fit
+from lacet.identify.regression.wls import Fit, with_constant_changes
 from lacet.identify.validation.noise_floor import floor_of
 
 NOISE_DRAWS = 8
@@ -147,13 +149,18 @@ def run_information(
 
 
 def _noise(run: PreparedRun, model: Model, sigma: Mapping[Row, float], seed: Sequence[int]) -> Array:
-    """(p, p) E[δWᵀ Σ⁻¹ δW] of noise in the columns, estimated by one draw added and subtracted."""
+    """(p, p) E[δWᵀ Σ⁻¹ δW] of noise in the columns, estimated by one draw added and subtracted.
+
+    Without that of changes of shape constants (`with_constants`).
+    """
     p = len(model.parameters)
+    changes = [at.start for effect, at in with_places(model.physics) if isinstance(effect, ConstantChange)]
     out = np.zeros((p, p))
     added, taken = run.noisy(seed)
     k = model.physics_size
     for row in run.rows:
         moved = 0.5 * (added.matrix(model.physics, row) - taken.matrix(model.physics, row)) / sigma[row]
+        moved[:, changes] = 0.0
         out[:k, :k] += moved.T @ moved
     return out
 
@@ -179,6 +186,22 @@ def fit_information(fitted: Fit) -> Information:
     return Information(
         _symmetric(normal), _symmetric(scores), _symmetric(G.T @ noise @ G), triangle((R @ G)[:, :physics])
     )
+
+
+def with_constants(fitted: Fit) -> tuple[Fit, Information]:
+    """The fit with changes of its shape constants as parameters, and the information of its runs on all of them.
+
+    What is not known of a stop's gap is not known of its rate either. The fit itself where it has no such constants.
+    Noise in the column of a change is left out: it multiplies a change of zero.
+    """
+    wider, own = with_constant_changes(fitted), fit_information(fitted)
+    if wider is fitted:
+        return fitted, own
+    places = [wider.model.names.index(name) for name in fitted.model.names]
+    found = fit_information(wider)
+    noise = np.zeros_like(found.noise)
+    noise[np.ix_(places, places)] = own.noise
+    return wider, replace(found, noise=noise)
 
 
 def residual_excess(fitted: Fit, draws: int = NOISE_DRAWS, seed: int = 0) -> dict[Row, float]:

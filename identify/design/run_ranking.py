@@ -11,7 +11,9 @@ import numpy as np
 from lacet.daq.errors import UsageError, nearest
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.design.run_information import Information, RunInformation, half_widths, predicted
+from lacet.identify.effects.base import Effect, SensorFault, with_places
 from lacet.identify.properties.whole_vehicle import NAMES, UNITS, whole_vehicle
+from lacet.identify.regression.shape_uncertainty import ConstantChange
 from lacet.identify.regression.wls import Fit
 
 DURATIONS = (10.0, 15.0, 20.0, 25.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 300.0)
@@ -84,19 +86,25 @@ class Ranking:
 
 
 def quantities(fitted: Fit, vehicle: Vehicle) -> dict[str, Quantity]:
-    """Every parameter of a fit and every value of the whole vehicle, by name."""
+    """Every parameter of a fit and every value of the whole vehicle, by name.
+
+    A change of a shape constant (`with_constant_changes`) stands for the constant, with its value.
+    """
     model = fitted.model
     kinds: list[str] = []
     for effect in (*model.physics, *model.faults):
-        kind = f"{effect.name}.{effect.where.partition('.')[0]}" if effect.name == "body" else effect.name
-        kinds += [f"{kind} [{q.unit}]" for q in effect.parameters]
+        kinds += [f"{_kind(effect)} [{q.unit}]" for q in effect.parameters]
+    values = fitted.theta.copy()
+    for change, place in with_places(model.physics):
+        if isinstance(change, ConstantChange):
+            values[place] = change.effect.shape[change.constant]
     largest: dict[str, float] = {}
-    for kind, q, value in zip(kinds, model.parameters, fitted.theta, strict=True):
+    for kind, q, value in zip(kinds, model.parameters, values, strict=True):
         largest[kind] = max(largest.get(kind, 0.02 * q.prior), abs(float(value)))
     halves = half_widths(fitted)
     out = {
         q.name: Quantity(q.name, q.unit, float(value), float(half), largest[kind])
-        for q, value, half, kind in zip(model.parameters, fitted.theta, halves, kinds, strict=True)
+        for q, value, half, kind in zip(model.parameters, values, halves, kinds, strict=True)
     }
     whole = whole_vehicle(fitted, vehicle)
     if whole is not None and whole.values[0] > 0.0:
@@ -106,6 +114,13 @@ def quantities(fitted: Fit, vehicle: Vehicle) -> dict[str, Quantity]:
             half = float(whole.interval[k]) if whole.determined[k] else max(float(whole.interval[k]), float(sizes[k]))
             out[name] = Quantity(name, UNITS[k], float(whole.values[k]), half, float(sizes[k]))
     return out
+
+
+def _kind(effect: Effect | SensorFault) -> str:
+    """The name that values of one kind share."""
+    if isinstance(effect, ConstantChange):
+        return effect.key
+    return f"{effect.name}.{effect.where.partition('.')[0]}" if effect.name == "body" else effect.name
 
 
 def chosen(known: Mapping[str, Quantity], patterns: Sequence[str]) -> list[str]:

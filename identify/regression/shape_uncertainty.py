@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -33,6 +34,8 @@ class ConstantChange(PhysicalEffect):
     values : (k,) present values of the effect's parameters.
     """
 
+    name: ClassVar = "constant_change"
+
     effect: PhysicalEffect = field(kw_only=True)
     constant: str = field(kw_only=True)
     values: tuple[float, ...] = field(kw_only=True)
@@ -54,7 +57,7 @@ class ConstantChange(PhysicalEffect):
     def parameters(self) -> tuple[Parameter, ...]:
         """The change, at most the constant's whole range."""
         low, high = self.effect.bounds_of(self.constant)
-        return (Parameter(self.key, "", low - high, high - low),)
+        return (Parameter(self.key, self.effect.grid_units.get(self.constant, ""), low - high, high - low),)
 
     @property
     def conditional(self) -> bool:

@@ -13,6 +13,7 @@ from lacet.identify.effects.catalogue import find_effect
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.render.intervals import with_interval
+from lacet.services.render.shape_constants import readable
 from lacet.services.render.verdicts import print_change
 from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
@@ -65,7 +66,8 @@ def run(args: argparse.Namespace) -> int:
         if p["name"] in names:
             print(f"  {p['name']} = {with_interval(p['value'], p['half95'])} {p['unit']}")
     for name, constant in after.effects[key].items():
-        print(f"  {key}.{name} = {constant:.3g} (SI{'' if shape else ', as these runs show it'})")
+        value, unit = readable(effect, name, constant)
+        print(f"  {key}.{name} = {value:.3g} {unit}".rstrip() + ("" if shape else ", as these runs show it"))
     for p in after.result["not_identifiable"]:
         if p["name"] in names:
             print(f"  {p['name']}: not identifiable: {p['why']}")

@@ -12,6 +12,7 @@ from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.design.run_information import with_constants
 from lacet.identify.design.run_ranking import Quantity, Ranked, Ranking, chosen, quantities
 from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
 from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY as G
@@ -144,17 +145,17 @@ def run(args: argparse.Namespace) -> int:
 def _planned(args: argparse.Namespace, limits: Limits, names: Sequence[str], line: Line) -> dict[str, Any]:
     """The plan as plain data."""
     start = _start(args, line)
-    if start.fitted is not None:  # unknown names are refused before the long computation
-        chosen(quantities(start.fitted, start.vehicle), args.want)
+    known, now = with_constants(start.fitted) if start.fitted else (None, None)
+    if known:  # unknown names are refused before the long computation
+        chosen(quantities(known, start.vehicle), args.want)
     runs, assumed, problems = _runs(args, start, limits, names, line)
     if not runs:
         raise UsageError("no motion could be made:\n" + "\n".join(problems))
     goal = (0.0 if args.want else 0.02) if args.goal is None else args.goal / 100.0
-    values = start.fitted or first_fit(start.model, runs)
+    values = known or first_fit(start.model, runs)
     wanted = chosen(quantities(values, start.vehicle), args.want)
-    measured = start.fitted is not None
     fitted, rankings = next_runs(
-        values, measured, runs, start.vehicle, limits.duration, wanted, goal, args.runs, line.progress
+        values, now, runs, start.vehicle, limits.duration, wanted, goal, args.runs, line.progress
     )
     present = quantities(fitted, start.vehicle)
     return plan_result(start, runs, rankings, present, assumed, [*start.warnings, *problems])
@@ -294,7 +295,7 @@ def _sentence(runs: Sequence[PlannedRun], ranking: Ranking, measured: bool) -> s
 
 
 def _arrow(name: str, before: float, after: float, unit: str) -> str:
-    return f"{name} ± {half_width(before)} → ± {half_width(after)} {unit}"
+    return f"{name} ± {half_width(before)} → ± {half_width(after)} {unit}".rstrip()
 
 
 def _print(result: Mapping[str, Any], most: int) -> None:

@@ -21,7 +21,6 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.design.run_information import (
     Information,
     RunInformation,
-    fit_information,
     predicted,
     residual_excess,
     run_information,
@@ -168,14 +167,15 @@ def first_fit(model: Model, runs: Sequence[PlannedRun]) -> Fit:
 
 
 def next_runs(
-    values: Fit, measured: bool, runs: Sequence[PlannedRun], vehicle: Vehicle, longest: float, names: Sequence[str],
-    goal: float, count: int, progress: Progress,
+    values: Fit, now: Information | None, runs: Sequence[PlannedRun], vehicle: Vehicle, longest: float,
+    names: Sequence[str], goal: float, count: int, progress: Progress,
 ) -> tuple[Fit, list[Ranking]]:  # fmt: skip
     """The fit with its present intervals, and `count` rankings, each with the best run of the one before added.
 
-    `measured` : whether `values` were fitted to runs; otherwise only the priors are known (`first_fit`).
+    `now` : information of the runs that `values` were fitted to (`with_constants`); None where only the priors are
+    known (`first_fit`).
     """
-    now = fit_information(values) if measured else Information.none(values.model)
+    measured, now = now is not None, now or Information.none(values.model)
     excess = residual_excess(values) if measured else {}
     informations: list[RunInformation] = []
     for number, run in enumerate(runs, 1):
@@ -183,7 +183,7 @@ def next_runs(
         # A fit to the planned runs holds their motions; else a motion, which is large, is not needed again.
         drive = PreparedRun(run.prepared.recording) if measured else run.prepared
         informations.append(run_information(drive, values, excess))
-    present = values if measured else predicted(values, now)
+    present = predicted(values, now)
     out: list[Ranking] = []
     for _ in range(count):
         progress(ServiceStep(ServiceStage.RANKING_RUNS))

@@ -19,6 +19,7 @@ from lacet.identify.design.run_information import (
     predicted,
     residual_excess,
     run_information,
+    with_constants,
 )
 from lacet.identify.design.run_ranking import chosen, quantities, rank
 from lacet.identify.effects.catalogue import base_model
@@ -88,6 +89,23 @@ def test_the_information_of_a_fit_gives_its_own_covariances_back():
     for got, expected in ((back.covariance, one.covariance), (back.covariance_iid, one.covariance_iid)):
         size = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
         assert np.max(np.abs(got - expected)[size > 0] / size[size > 0]) < 1e-8
+
+
+def test_a_size_is_no_better_known_than_its_constants_are():
+    """A stop as stiff as this, of which gap and exponent are to be found on the same run."""
+    from lacet.identify.effects.catalogue import catalogue
+
+    one, name = fitted("sine"), "bump_stop.front.k"
+    stop = replace(catalogue(VEHICLE, "hub")["bump_stop.front"], shape={"gap": 0.004, "n": 1.5})
+    with_stop = fit(Model.of([*one.model.effects, stop]), one.runs)
+    theta = np.where([n == name for n in with_stop.model.names], 2e5, with_stop.theta)
+    wider, now = with_constants(replace(with_stop, theta=theta))
+    there, known = quantities(predicted(wider, now), VEHICLE), quantities(with_stop, VEHICLE)
+    assert there[name].half > 2.0 * known[name].half
+    for key in ("spring.rl.k", "damper.rl.c", "damper.rr.c"):  # which depend on no constant
+        assert there[key].half == pytest.approx(known[key].half, rel=0.2), key
+    gap, exponent = there["bump_stop.front.gap"], there["bump_stop.front.n"]
+    assert (gap.value, gap.unit, exponent.value, exponent.unit) == (0.004, "m", 1.5, "")
 
 
 def test_nothing_told_leaves_what_is_plausible():
