@@ -27,6 +27,8 @@ Course: TypeAlias = tuple[Array, Array, Array]
 class FlatRoad(RunNote):
     """Fewer than three ground lasers: the road counts as flat, its normal is computed from the attitude."""
 
+    is_fault = False
+
 
 @dataclass(frozen=True)
 class GroundLaserOffset(RunNote):
@@ -38,6 +40,8 @@ class GroundLaserOffset(RunNote):
 @dataclass(frozen=True)
 class BrakingLeftOut(RunNote):
     """`seconds` left out of `rows` because the brakes act: `channel` is above `pressure` [Pa]."""
+
+    is_fault = False
 
     seconds: float
     rows: tuple[Row, ...]

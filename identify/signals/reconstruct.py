@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,9 @@ _LONGEST_HOLE = 600.0
 
 
 class RunNote:
-    """A note on how a run was read, for the reader of its results."""
+    """A note on how a run was read, for the reader of its results; `is_fault` : whether something is wrong with it."""
+
+    is_fault: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)

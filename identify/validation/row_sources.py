@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 
@@ -66,6 +66,15 @@ def row_sources(fitted: Fit) -> list[RowSource]:
                 alike.setdefault(key, []).append(one)
         out += [_together(group) for group in alike.values()]
     return out
+
+
+def assumed_channels(fitted: Fit, rows: Collection[Row]) -> dict[Row, tuple[str, ...]]:
+    """Row → channels assumed in some run whose assumptions move it, for those of `rows` that have any."""
+    out: dict[Row, dict[str, None]] = {}
+    for one in row_sources(fitted):
+        if one.row in rows and one.assumed:
+            out.setdefault(one.row, {}).update(dict.fromkeys(one.assumed))
+    return {row: tuple(channels) for row, channels in out.items()}
 
 
 def _responses(fitted: Fit, number: int) -> dict[str, dict[Row, float]]:

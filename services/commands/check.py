@@ -140,7 +140,7 @@ def run(args: argparse.Namespace) -> int:
             found = fit_instruments(fitted, pairs_of(fitted, loaded.runs))
             result["bias"] = checking.bias_result(found, loaded.vehicle)
             print(f"\nBias by noise:\n{sensor_report.bias_text(result['bias'])}")
-    for warning in (*loaded.warnings, *loaded.sheet):
+    for warning in loaded.said:
         print(f"! {warning}")
     write_result(args.json, "check", {**result, "warnings": list(loaded.warnings)})
     return DONE

@@ -162,12 +162,13 @@ def run(args: argparse.Namespace) -> int:
         print(f"! {line}")
     if fails(ratio) and (result["model_fails"] or not little):
         print("Values that stand on a failing row are off by more than their intervals say.")
-        print("The model lacks something: lacet study new DIR --use RUN…, then lacet diagnose DIR.")
+        print("The model lacks something, or an instrument is off by what its sheet allows. Which, says:")
+        print("lacet study new DIR --use RUN…, then lacet diagnose DIR.")
     if args.rows:
         print("\n" + tables.rows(result["rows"]["used"]))
     if result["bad_seconds"]:
         print("\n" + tables.bad_seconds(result))
-    for warning in (*loaded.warnings, *loaded.sheet, *filter(None, [implausible_text(result), weak_scale(result)])):
+    for warning in (*loaded.said, *filter(None, [implausible_text(result), weak_scale(result)])):
         print(f"! {warning}")
     for file in pictures:
         print(f"picture: {file}")

@@ -136,6 +136,6 @@ def _new(args: argparse.Namespace, folder: Path) -> tuple[Study, tuple[str, ...]
         if not there:  # an incomplete study would prevent the next attempt
             shutil.rmtree(folder, ignore_errors=True)
         raise
-    for warning in (*session.runs.loaded.warnings, *session.runs.loaded.sheet):
+    for warning in session.runs.loaded.said:
         print(f"! {warning}")
     return session.study, session.runs.loaded.warnings

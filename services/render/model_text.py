@@ -68,8 +68,8 @@ def _print_parameters(model: Mapping[str, Any]) -> None:
             print(f"\n{title}:")
         for why, names in reasons.items():
             print(tables.wrapped(f"  {', '.join(names)}: {why}", 4))
-    for warning in model["warnings"]:
-        print(tables.wrapped(f"! {warning}", 2))
+    for line in (*model["warnings"], *model["notes"]):
+        print(tables.wrapped(f"! {line}", 2))
 
 
 def _alike(reasons: Mapping[str, str]) -> dict[str, list[str]]:

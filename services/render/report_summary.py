@@ -12,6 +12,7 @@ from lacet.identify.validation.score import failing_rows, pooled_ratio, worst_ro
 from lacet.services.render.effect_text import effect_label
 from lacet.services.render.figures.panels import Panels
 from lacet.services.render.intervals import half_width, to_interval
+from lacet.services.render.rows import said_of_runs
 from lacet.services.render.shape_constants import readable
 from lacet.services.render.study_version import Version
 from lacet.services.render.tables import Table
@@ -159,7 +160,7 @@ def _open(now: Version, diagnosis: Mapping[str, Any] | None) -> list[str]:
     if unknown:
         out.append(f"{len(unknown)} parameters are not identified ({_few([p['name'] for p in unknown])}).")
     judged = [f"{line}." for line in now.result.get("not_judged", [])]
-    warnings = [f"{line.rstrip('.')}." for line in now.result.get("warnings", [])]
+    warnings = [f"{line.rstrip('.')}." for line in said_of_runs(now.result)]
     for lines in (judged, warnings):
         out += lines[:MOST_OPEN]
         if len(lines) > MOST_OPEN:

@@ -74,6 +74,11 @@ def run_notes(notes: Iterable[RunNote]) -> list[str]:
     return out
 
 
+def said_of_runs(result: Mapping[str, Any]) -> list[str]:
+    """What a user reads of the runs of a fit's result, one line each, faults first."""
+    return [*result.get("warnings", []), *result.get("notes", [])]
+
+
 def colour_words(score: RowScore) -> str:
     """Comparison of a row's residual with the noise floor, in words; an empty string where it was not compared."""
     match score.colour:

@@ -15,6 +15,7 @@ from lacet.services.render.failure_report import where_pieces
 from lacet.services.render.figures import curves, study_plots, validation_plots
 from lacet.services.render.html import details, folded, picture, table_html
 from lacet.services.render.identifiability import rows_not_judged
+from lacet.services.render.rows import said_of_runs
 from lacet.services.render.study_version import Version
 from lacet.services.render.tables import Table
 
@@ -113,7 +114,7 @@ def rows(now: Version) -> str:
     pieces = [f"<h3>Runs used</h3>{table_html(tables.rows_table(scores['used']))}"]
     if scores["held"]:
         pieces.append(f"<h3>Runs held out</h3>{table_html(tables.rows_table(scores['held']))}")
-    warnings = "".join(f"<li>{html.escape(w)}</li>" for w in now.result["warnings"])
+    warnings = "".join(f"<li>{html.escape(w)}</li>" for w in said_of_runs(now.result))
     if warnings:
         pieces.append(f"<h3>Warnings</h3><ul>{warnings}</ul>")
     return folded("Errors by row", *pieces)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import Any, TypeVar
 
 import numpy as np
@@ -327,7 +328,7 @@ def _remaining(d: Diagnosis) -> str:
         more = len(d.unlisted_rows) - SELECTION.most_reported
         out += (
             f" And something that is not listed remains in {rows}{f' and {more} more rows' if more > 0 else ''} "
-            f"(÷ floor, with all these in the model)."
+            f"(÷ floor, with all these in the model).{_on_assumptions(d)}"
         )
     out = _with_law(out, d.formulas)
     if d.described and any(c.values for c in d.found):
@@ -423,10 +424,22 @@ def _unlisted(d: Diagnosis) -> str:
         f"effect of the catalogue explains it with a plausible size, beyond chance, and what remains is not noise."
     )
     text += "".join(f" {_not_constant(d, key, runs)}" for key, runs in grounds.not_constant.items())
-    text += _beyond_plausible(d)
+    text += f"{_on_assumptions(d)}{_beyond_plausible(d)}"
     if not d.formulas:
         return f"{text} No law of the measured states describes it: it may depend on something that is not measured."
     return _with_law(text, d.formulas)
+
+
+def _on_assumptions(d: Diagnosis) -> str:
+    """Unlisted rows that stand on channels which are not measured: what remains may be no effect."""
+    assumed = d.grounds.assumed
+    if not assumed:
+        return ""
+    channels = ", ".join(shortened(dict.fromkeys(chain.from_iterable(assumed.values()))))
+    return (
+        f" What remains in {_listed(list(assumed))} may be the error of assumed channels ({channels}), and no missing "
+        f"effect: measure them to be sure."
+    )
 
 
 def _tolerance_exceeded(grounds: Grounds) -> str:

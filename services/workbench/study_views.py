@@ -21,7 +21,7 @@ from lacet.services.render.implausible_values import implausible_text
 from lacet.services.render.known_scale import weak_scale
 from lacet.services.render.little_shown import little_shown_lines
 from lacet.services.render.row_sources import sources_tables
-from lacet.services.render.rows import ERROR_MEANINGS, error_summary, row_label, with_verdict
+from lacet.services.render.rows import ERROR_MEANINGS, error_summary, row_label, said_of_runs, with_verdict
 from lacet.services.render.units import unit_text
 from lacet.services.render.value_names import parameter_name, summed
 from lacet.services.render.verdict_card import manoeuvre, verdict_card
@@ -64,7 +64,7 @@ def study_payload(cache: SessionCache, busy: dict[str, Any] | None) -> dict[str,
             "reference": present.result["wheel_reference"] if present else head["reference"],
             "versions": [version_payload(study, v) for v in versions],
             **ranking_payload(study),
-            "warnings": present.result.get("warnings", []) if present else [],
+            "warnings": said_of_runs(present.result) if present else [],
         }
     )
 

@@ -40,7 +40,8 @@ class Loaded:
     """Prepared runs with their vehicle and rig, and warnings for the user, one line each.
 
     `runs` : the runs as read, without the channels left out, where `load` was asked to keep them; `sheet` : sentences
-    on noise that the rig's sensor sheet states too large or too small, so that the measured one is used.
+    on noise that the rig's sensor sheet states too large or too small, so that the measured one is used; `notes` : on
+    how the runs were read, none of them on a fault.
     """
 
     vehicle: Vehicle
@@ -49,6 +50,12 @@ class Loaded:
     warnings: tuple[str, ...]
     runs: tuple[Run, ...] = ()
     sheet: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def said(self) -> tuple[str, ...]:
+        """All that a user reads of the runs, worst first."""
+        return (*self.warnings, *self.sheet, *self.notes)
 
     @property
     def reference(self) -> str:
@@ -61,13 +68,14 @@ class ReadyRun:
     """A run prepared for fitting, without the channels that are left out.
 
     `run` : as read, None where it is not kept; `sound` : whether units, signs and values raised no doubt; `noise` :
-    measured noise of its channels.
+    measured noise of its channels; `notes` : on how it was read, none of them on a fault.
     """
 
     run: Run | None
     prepared: PreparedRun
     sound: bool
     noise: tuple[NoiseLevel, ...]
+    notes: tuple[str, ...] = ()
 
     def with_noise(self, levels: Sequence[NoiseLevel]) -> ReadyRun:
         """The run whose equations use measured noise in place of the sheet's, as far as it `corrects` that."""
@@ -208,7 +216,9 @@ def load(
         raise UsageError("the runs have different wheel references (contact and hub): identify them apart")
     warnings += map(channels.from_equations, column_faults([one.prepared for one in ready if one.sound]))
     wrong = tuple(sensor_report.sheet_noise(levels))
-    return Loaded(car, sensors, drives, tuple(warnings), tuple(one.run for one in ready if one.run is not None), wrong)
+    notes = tuple(note for one in ready for note in one.notes)
+    kept = tuple(one.run for one in ready if one.run is not None)
+    return Loaded(car, sensors, drives, tuple(warnings), kept, wrong, notes)
 
 
 def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, warnings: list[str]) -> ReadyRun:
@@ -235,7 +245,8 @@ def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, w
         }
         run = replace(run, signals=kept)
         drive = PreparedRun.of(run, vehicle, drive.recording.rig, filters)
-    warnings += [f"{run.name}: {note}" for note in run_notes((*drive.recording.notes, *drive.measured_rows.notes))]
+    notes = (*drive.recording.notes, *drive.measured_rows.notes)
+    warnings += [f"{run.name}: {note}" for note in run_notes(note for note in notes if note.is_fault)]
     if not drive.rows:
         raise NotIdentifiable(
             "\n  ".join(
@@ -246,7 +257,9 @@ def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, w
                 ]
             )
         )
-    return ReadyRun(run, drive, not (checked.doubts or moved), _noise_in_rows(run, drive))
+    sound = not (checked.doubts or moved)
+    said = tuple(f"{run.name}: {note}" for note in run_notes(note for note in notes if not note.is_fault))
+    return ReadyRun(run, drive, sound, _noise_in_rows(run, drive), said)
 
 
 def checked_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None) -> CheckedRun:

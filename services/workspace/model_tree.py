@@ -119,6 +119,7 @@ def model_info(asked: Asked, progress: Progress) -> dict[str, Any]:
             "parameters": lines,
             "runs": [run.name for run in asked.loaded.prepared] if asked.loaded else [],
             "warnings": list(asked.loaded.warnings) if asked.loaded else [],
+            "notes": list(asked.loaded.notes) if asked.loaded else [],
         }
     }
 

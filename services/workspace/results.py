@@ -93,6 +93,7 @@ def fit_result(
             "base_rank": fitted.base.rank,
             "singular_gap": fitted.base.gap,
             "warnings": list(loaded.warnings),
+            "notes": list(loaded.notes),
         }
     )
 

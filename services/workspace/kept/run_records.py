@@ -29,7 +29,7 @@ def is_short(loaded: Loaded) -> bool:
 def runs_record(loaded: Loaded) -> dict[str, Any]:
     """Runs that were read and checked, and what was said of them, in storable form."""
     return {
-        "warnings": loaded.warnings, "sheet": loaded.sheet,
+        "warnings": loaded.warnings, "sheet": loaded.sheet, "notes": loaded.notes,
         "recordings": [_record(run.recording) for run in loaded.prepared],
     }  # fmt: skip
 
@@ -38,7 +38,7 @@ def restored_runs(kept: Mapping[str, Any], rig: Rig, vehicle: Vehicle) -> Loaded
     """The runs from their stored form, to the last bit; `rig` and `vehicle` as the study's files have them."""
     prepared = tuple(PreparedRun(_restored(one, rig, vehicle)) for one in kept["recordings"])
     rig = _with_travels(rig, kept["recordings"][0]["channels"])
-    return Loaded(vehicle, rig, prepared, kept["warnings"], sheet=kept["sheet"])
+    return Loaded(vehicle, rig, prepared, kept["warnings"], sheet=kept["sheet"], notes=kept["notes"])
 
 
 def _record(recording: Recording) -> dict[str, Any]:

@@ -62,9 +62,8 @@ class StudyRuns:
                 self.progress(ServiceStep(ServiceStage.READING_RUNS, total=len(self.study.held), subject="held out"))
                 loaded = self._kept("held out")
                 check_reference(self.loaded.reference, loaded.reference)
-                known = self.loaded.warnings
-                warnings = (*known, *(w for w in loaded.warnings if w not in known))
-                self._loaded = replace(self.loaded, warnings=warnings)
+                warnings = tuple(dict.fromkeys((*self.loaded.warnings, *loaded.warnings)))
+                self._loaded = replace(self.loaded, warnings=warnings, notes=(*self.loaded.notes, *loaded.notes))
                 self._held = loaded.prepared
         return self._held
 

@@ -127,6 +127,7 @@ def test_only_the_seconds_of_braking_are_left_out() -> None:
         assert np.all(mask[kept])
         assert np.any(mask[lost]) != row.startswith("suspension"), row
     note = run_notes(motion.notes)[-1]
+    assert not motion.notes[-1].is_fault
     rows = "suspension.fl, suspension.fr, suspension.rl, suspension.rr"
     assert re.match(rf"left out 3\.[56] s of {rows}: the brakes act \(brake\.pressure above 1 bar\)", note)
     # A free wheel's spin row likewise; its suspension row has no half-shaft and loses nothing.

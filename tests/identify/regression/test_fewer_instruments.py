@@ -24,7 +24,7 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.signals.filters import derivative, zero_phase
 from lacet.identify.validation.parameter_estimates import estimates
-from lacet.identify.validation.row_sources import row_sources
+from lacet.identify.validation.row_sources import assumed_channels, row_sources
 from lacet.services.render.identifiability import unidentified
 from lacet.services.render.row_needs import needs_text, to_add
 from lacet.services.render.tables import WIDTH
@@ -191,6 +191,8 @@ def test_what_vertical_loads_leave_out_is_said() -> None:
     assert every["MZ6"].endswith("would show it, and needs: wheel.*.force")
     sources = {one.row: one for one in row_sources(found)}
     assert not any(row.combined for row in sources)
+    assumed = assumed_channels(found, sources)
+    assert assumed == {row: tuple(one.assumed) for row, one in sources.items() if one.assumed} != {}
     driven, free = (to_add(row, sources[row].absence) for row in SPIN_ROWS[::2])
     brake = "brake.{}.torque (or brake.pressure, a run with brakes = 'off')"
     assert driven == f"needs: wheel.fl.moment, shaft.fl.torque, {brake.format('fl')}"

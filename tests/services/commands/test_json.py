@@ -137,6 +137,7 @@ def test_identify_study_compare_diagnose_and_add(tmp_path: Path, monkeypatch: py
         return conforms(file, argv[0])
 
     fitted = run("identify", used, *FILES)
+    assert fitted["warnings"] == []
     assert {"spring.fl.k"} <= {p["name"] for p in fitted["parameters"]}
     for p in fitted["parameters"]:
         assert p["interval95"] == pytest.approx([p["value"] - p["half95"], p["value"] + p["half95"]])

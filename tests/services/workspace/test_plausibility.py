@@ -91,6 +91,18 @@ def exchanged(run: Run, a: str, b: str) -> Run:
     return replace(run, signals=signals)
 
 
+def test_a_road_taken_as_flat_is_no_fault(tmp_path: Path) -> None:
+    """They are said, but a command that follows by `&&` goes on."""
+    run = piece("sine", 5.0, 12.0)
+    few = {name: s for name, s in run.signals.items() if not name.endswith(".ground") or name == "laser.fl.ground"}
+    file = written(replace(run, signals=few), tmp_path / "few.parquet")
+    loaded = load([file], CAR / "rig.toml", CAR / "vehicle.toml")
+    assert loaded.warnings == ()
+    assert [note.partition(":")[0] for note in loaded.notes] == ["few"]
+    assert "flat road" in loaded.notes[0]
+    assert set(loaded.said) == {*loaded.sheet, *loaded.notes}
+
+
 def test_hub_lasers_exchanged_are_told() -> None:
     for axle, pair in (("front", "fl fr"), ("rear", "rl rr")):
         a, b = (f"laser.{c}.hub" for c in pair.split())

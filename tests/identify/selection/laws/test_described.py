@@ -7,6 +7,8 @@ from typing import cast
 
 import pytest
 
+from lacet.daq.channels import CORNERS
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.language.compiled import one_line_effects
 from lacet.identify.regression.wls import Fit
@@ -38,6 +40,7 @@ def test_friction_is_found_beside_damping_that_is_not_listed(lacks_both: Fit, fl
     found = diagnose(lacks_both, floor, CANDIDATES)
     assert [c.key for c in found.found] == ["coulomb.front"], says(found)
     assert set(found.unlisted_rows) == {"suspension.fl", "suspension.fr"}
+    assert found.grounds.assumed == {}
     law = found.formulas[0].of_one_term
     assert law.text.startswith("suspension.front: p * travel**2*tanh(rate/v0)")
     assert law.explained > 0.8
@@ -45,6 +48,19 @@ def test_friction_is_found_beside_damping_that_is_not_listed(lacks_both: Fit, fl
     assert found.found[0].values[0] == pytest.approx(FRICTION, abs=20.0)
     assert found.after is not None
     assert found.after.formulas == found.formulas
+
+
+def test_rows_on_assumed_channels_may_have_no_more_than_the_error_of_these(
+    lacks_both: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch
+):
+    assumed = {Row("suspension.fl"): tuple(f"laser.{c}.hub" for c in CORNERS)}
+    monkeypatch.setattr("lacet.identify.selection.diagnose.assumed_channels", lambda *_: assumed)
+    sentence = "What remains in suspension.fl may be the error of assumed channels (laser.*.hub)"
+    found = diagnose(lacks_both, floor, CANDIDATES)
+    assert sentence in says(found)
+    alone = replace(found, found=(), grounds=replace(found.grounds, not_constant={}))
+    assert sentence in says(alone)
+    assert sentence not in says(replace(alone, grounds=replace(alone.grounds, assumed={})))
 
 
 def test_beside_an_unknown_table_a_size_is_of_the_fit_with_the_laws_that_describe_the_rest(
