@@ -104,16 +104,21 @@ def _lacking(row: Row, absence: RowAbsence) -> list[str]:
     return out + (_lacking(row, absence.beside) if absence.beside else [])
 
 
-def no_rows(left_out: Mapping[Row, RowAbsence]) -> str:
-    """Why no row at all can be formed: what the vertical force on the car needs, which needs least, or the reasons.
+_VERTICAL = Row("chassis.fz")
+"""The row of the vertical force on the car."""
 
-    Beside it the known mass that would give the body's rows, where that alone is lacking.
+
+def no_rows(left_out: Mapping[Row, RowAbsence]) -> str:
+    """Why no row at all can be formed: what is lacking for the row that needs least, and for the car's vertical force.
+
+    Beside them the known mass that would give the body's rows, where that alone is lacking.
     """
     if not left_out:
         return "no usable sample outside flagged intervals"
     fewest = min(left_out.items(), key=lambda item: (item[1].cause is not Absence.CHANNELS, len(item[1].channels)))
+    whole = [item for item in left_out.items() if item[0] == _VERTICAL and item[1].cause is Absence.CHANNELS]
     scale = [item for item in left_out.items() if item[1].cause is Absence.NO_KNOWN_LOAD]
-    ways = [wrapped(f"{row}: {to_add(row, why)}", 4) for row, why in dict.fromkeys([fewest, *scale[:1]])]
+    ways = [wrapped(f"{row}: {to_add(row, why)}", 4) for row, why in dict.fromkeys([fewest, *whole, *scale[:1]])]
     return "\n  or ".join(ways) + "\n  (lacet info --rows lists what each row needs)"
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from lacet.identify.car.motion import BrakingLeftOut, FlatRoad, GroundLaserOffset
 from lacet.identify.car.rows import ROWS, Absence, Row, RowAbsence
+from lacet.identify.car.sources.completion import SteeringAngleUnused
 from lacet.identify.signals.reconstruct import FewSamples, FewUsableSamples, Gaps, RunNote
 from lacet.identify.validation.explainable_residual import ExplainableResidual
 from lacet.identify.validation.score import FAILS, RowScore, fails, row_errors
@@ -121,6 +122,12 @@ def _run_note(note: RunNote) -> str:
             return f"{channel} has fewer than {least} usable samples and was left out"
         case FlatRoad():
             return "fewer than three ground lasers: a flat road and the attitude give the road's normal"
+        case SteeringAngleUnused():
+            return (
+                "steering.angle is recorded and not used, as its ratio to the front wheels' steer is not known: give "
+                "steering_ratio in [assumed] of the vehicle file, or the table [steering]. Yaw rate, speed and slip "
+                "angles stand in for it"
+            )
         case GroundLaserOffset(ahead):
             return (
                 f"a ground laser stands {1e3 * abs(ahead):.0f} mm {'ahead of' if ahead > 0 else 'behind'} its wheel's "

@@ -22,7 +22,7 @@ from lacet.identify.car.sources.wheel_moment import ContactMoment, Outboard
 from lacet.identify.car.sources.wheel_speed import RolledSpeed, Speed, speed_of_turns
 from lacet.identify.car.table_errors import table_assumptions
 from lacet.identify.signals.for_equations import STAND_INS, design_reading
-from lacet.identify.signals.reconstruct import Recording, Signals
+from lacet.identify.signals.reconstruct import Recording, RunNote, Signals
 from lacet.identify.signals.sources import Kind, Law, Method, Source
 
 SPEEDS = ("correvit.speed", "car.speed", "gnss.speed")
@@ -61,11 +61,19 @@ def with_sources_of(recording: Recording, other: Recording) -> Recording:
     return replace(recording, signals=signals, sources=other.sources, laws=other.laws, tables=other.tables)
 
 
+@dataclass(frozen=True)
+class SteeringAngleUnused(RunNote):
+    """The angle of the steering wheel is recorded, but its ratio to the front wheels' steer is not known."""
+
+    is_fault = False
+
+
 @dataclass
 class _Completion:
     """Sources and laws of a recording, collected in the order in which the laws depend on each other."""
 
     recording: Recording
+    notes: list[RunNote] = field(default_factory=list[RunNote])
     laws: list[Law[Signals]] = field(default_factory=list[Law[Signals]])
     sources: dict[str, Source] = field(default_factory=dict[str, Source])
 
@@ -89,7 +97,10 @@ class _Completion:
             if masks:
                 usable[name] = np.all(masks, axis=0)
         signals = replace(recording.signals, assumed=assumed)
-        return replace(recording, signals=signals, usable=usable, sources=self.sources, laws=tuple(self.laws))
+        return replace(
+            recording, signals=signals, usable=usable, sources=self.sources, laws=tuple(self.laws),
+            notes=tuple(dict.fromkeys((*recording.notes, *self.notes))),
+        )  # fmt: skip
 
     def _at_corners(self, step: Callable[[Corner], None]) -> None:
         for c in CORNERS:
@@ -264,6 +275,8 @@ class _Completion:
             slips = self._assume("slip_angle", "fl"), self._assume("slip_angle", "rl")
             law = Turning(corner, design, zero, rig, vehicle.wheelbase, speed, *slips)
             self._add(law, Method.TURN, kinds, tuple(name for name in (*_INERTIAL, speed.channel) if name))
+            if self._has("steering.angle"):
+                self.notes.append(SteeringAngleUnused())
 
     def _camber(self, corner: Corner) -> None:
         c, channel = corner.name, f"camera.{corner.name}.camber"

@@ -14,12 +14,13 @@ from lacet.daq.errors import VehicleError
 from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import CHASSIS_ROWS, SUSPENSION_ROWS, TYRE_ROWS, Row, leading
-from lacet.identify.car.sources.completion import completed
+from lacet.identify.car.sources.completion import SteeringAngleUnused, completed
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity, residual
 from lacet.identify.regression.tolerances import ASSUMED, sheet_responses
 from lacet.identify.signals.reconstruct import Recording, Signals
 from lacet.identify.signals.sources import Kind, Method
+from lacet.services.render.rows import run_notes
 from tests.identify import cars, exact_car
 
 VEHICLE, RIG = cars.reference_car()
@@ -83,6 +84,20 @@ def test_hubs_and_an_inertial_unit_give_the_chassis_rows_alone() -> None:
     assert methods["laser.rr.hub"] is Method.LOAD_TRAVEL
     assert methods["camera.fr.steer"] is Method.TURN
     assert methods["camera.rl.steer"] is Method.BENCH_TABLE
+
+
+def test_a_steering_wheel_that_is_not_used_is_said_with_what_it_needs() -> None:
+    """Once a run, however often it is completed; with a ratio it is used, and nothing is said."""
+    angle = {"steering.angle": signal(15.0 * measured().signals["camera.fl.steer"].values)}
+    unused = of(hubs, **angle).recording
+    assert [type(note) for note in unused.notes].count(SteeringAngleUnused) == 1
+    assert completed(unused).notes == unused.notes
+    (said,) = (line for line in run_notes(unused.notes) if "steering.angle" in line)
+    assert "steering_ratio in [assumed]" in said
+    stated = "\n[assumed]\nsteering_ratio = { value = 15.0, tolerance = 0.1, unit = '-', source = 'drawing' }\n"
+    used = of(hubs, with_assumed(stated), **angle).recording
+    assert used.sources["camera.fl.steer"].method is Method.STEERING_WHEEL
+    assert SteeringAngleUnused() not in (*used.notes, *of(hubs).recording.notes)
 
 
 def test_what_a_row_is_an_equation_of_is_never_assumed() -> None:
