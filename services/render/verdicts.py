@@ -17,6 +17,7 @@ from lacet.identify.selection.diagnosis import Diagnosis, Grounds
 from lacet.identify.selection.laws.formulas import Formula, Law
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.selection.tolerance_tests import ToleranceUse
+from lacet.identify.validation.score import fails
 from lacet.services.render import tables
 from lacet.services.render.effect_text import needed, not_measured
 from lacet.services.render.intervals import with_interval
@@ -319,18 +320,11 @@ def _several(d: Diagnosis) -> str:
 def _remaining(d: Diagnosis) -> str:
     """What remains beside the effects found; empty where nothing is."""
     grounds, out = d.grounds, ""
-    for key, runs in grounds.not_constant.items():
-        out += f" {_not_constant(d, key, runs)}"
+    if grounds.not_constant:
+        out += f" {_not_constant(d)}"
     if grounds.tolerance_exceeded:
         out += f" {_tolerance_exceeded(grounds)}"
-    if d.unlisted_rows:
-        rows = ", ".join(f"{row} at {grounds.ratios[row]:.2f}" for row in d.unlisted_rows[: SELECTION.most_reported])
-        more = len(d.unlisted_rows) - SELECTION.most_reported
-        out += (
-            f" And something that is not listed remains in {rows}{f' and {more} more rows' if more > 0 else ''} "
-            f"(÷ floor, with all these in the model).{_on_assumptions(d)}"
-        )
-    out = _with_law(out, d.formulas)
+    out = _with_law(f"{out}{_remaining_rows(d)}", d.formulas)
     if d.described and any(c.values for c in d.found):
         laws = " and ".join(repr(law) for law in d.described)
         but = " but sums over places" if any(c.total is not None for c in d.found) else ""
@@ -339,6 +333,25 @@ def _remaining(d: Diagnosis) -> str:
             f"move them."
         )
     return out
+
+
+def _remaining_rows(d: Diagnosis) -> str:
+    """The rows in which something unlisted remains beside the effects found."""
+    rows, ratios = d.unlisted_rows, d.grounds.ratios
+    if not rows:
+        return ""
+    stand_ins = [c.key for c in d.candidates if c.reason is Reason.PART_OF_REST and not {*rows}.isdisjoint(c.rows)]
+    if stand_ins and d.formulas and not any(fails(ratios[row]) for row in rows):
+        return (
+            f" And something that is not listed acts in {_listed(list(rows))}: with {_listed(stand_ins)} in its place "
+            f"hardly more than noise remains, but a law of no catalogue explains clearly more."
+        )
+    shown = ", ".join(f"{row} at {ratios[row]:.2f}" for row in rows[: SELECTION.most_reported])
+    more = len(rows) - SELECTION.most_reported
+    return (
+        f" And something that is not listed remains in {shown}{f' and {more} more rows' if more > 0 else ''} (÷ floor, "
+        f"with all these in the model).{_on_assumptions(d)}"
+    )
 
 
 def _without_tables(d: Diagnosis) -> str:
@@ -377,7 +390,7 @@ def _beyond_plausible(d: Diagnosis) -> str:
 
 def _in_part(d: Diagnosis) -> str:
     """Listed effects that explain part of the error and are not named beside an unlisted cause."""
-    parts = [c for c in d.candidates if c.reason in NOT_NAMED]
+    parts = [c for c in d.candidates if c.reason in NOT_NAMED and c.key not in d.grounds.not_constant]
     if not parts:
         return ""
     each = "; ".join(f"{c.key}{' or in its place ' if c.ties else ''}{_tied(c)}" for c in parts)
@@ -386,7 +399,7 @@ def _in_part(d: Diagnosis) -> str:
 
 def _small(d: Diagnosis) -> str:
     """Rests that are less than the user's effect size, or than the laws found may be inexact."""
-    if not d.small_rows:
+    if not d.small_rows or d.grounds.not_constant:
         return ""
     forces = d.grounds.forces
     rows = ", ".join(f"{row} {forces[row][0]:.2g} {row.unit} RMS" for row in d.small_rows[: SELECTION.most_reported])
@@ -414,8 +427,7 @@ def _unlisted(d: Diagnosis) -> str:
     if grounds.tolerance_exceeded:
         return _with_law(_tolerance_exceeded(grounds), d.formulas)
     if grounds.not_constant and not d.unlisted_rows:
-        text = " ".join(_not_constant(d, key, runs) for key, runs in grounds.not_constant.items())
-        return _with_law(text, d.formulas)
+        return _with_law(_not_constant(d), d.formulas)
     if not d.unlisted_rows:
         return "Something is missing, and these runs do not show what: the effects found, or what a bench table says."
     worst = d.unlisted_rows[0]
@@ -423,7 +435,7 @@ def _unlisted(d: Diagnosis) -> str:
         f"The model fails ({worst} at {grounds.ratios[worst]:.2f} times its floor) and the cause is not listed: no "
         f"effect of the catalogue explains it with a plausible size, beyond chance, and what remains is not noise."
     )
-    text += "".join(f" {_not_constant(d, key, runs)}" for key, runs in grounds.not_constant.items())
+    text += f" {_not_constant(d)}" if grounds.not_constant else ""
     text += f"{_on_assumptions(d)}{_beyond_plausible(d)}"
     if not d.formulas:
         return f"{text} No law of the measured states describes it: it may depend on something that is not measured."
@@ -470,20 +482,32 @@ def _free_entries(use: ToleranceUse) -> str:
     return f" If one entry alone is wrong it is {' or '.join(shown)}: look at this first."
 
 
-def _not_constant(d: Diagnosis, key: str, runs: ParameterConstancy) -> str:
+def _not_constant(d: Diagnosis) -> str:
+    """Effects that would have to be another law in each run: something changes with what no channel says."""
+    tests = d.grounds.not_constant
+    each = " and ".join(f"{key} ({_apart(d.effects[key], runs)})" for key, runs in tests.items())
+    one = len(tests) == 1
+    rows = list(dict.fromkeys(row for c in d.candidates if c.key in tests for row in c.rows))
+    where = f" in {_listed(rows)}" if rows else ""
+    return (
+        f"The model lacks something{where} that is not the same in all runs, and the cause is not listed: {each} "
+        f"{'explains' if one else 'explain'} most, but {'it' if one else 'each'} would have to be another law in each "
+        f"run (simulated runs differ as much with p = {max(runs.p for runs in tests.values()):.2g}). What changes from "
+        f"run to run, as a temperature or a load does, is worth a look."
+    )
+
+
+def _apart(effect: Effect, runs: ParameterConstancy) -> str:
+    """The parameter of an effect that differs most between two runs."""
     k, *two = runs.farthest_apart
-    q = d.effects[key].parameters[k]
+    q = effect.parameters[k]
     values = " and ".join(
         f"{with_interval(runs.values[r][k], SELECTION.interval_quantile * runs.spread[r][k])} {q.unit} in {r}"
         for r in two
     )
     by, sigma = runs.difference(k, *two)
     apart = with_interval(abs(by), SELECTION.interval_quantile * sigma)
-    return (
-        f"The model lacks something, and the cause is not listed: {key} explains most, but it would have to be "
-        f"another law in each run ({q.name} is {values}, a difference of {apart} {q.unit}; simulated runs differ as "
-        f"much with p = {runs.p:.2g})."
-    )
+    return f"{q.name} is {values}, a difference of {apart} {q.unit}"
 
 
 def _with_law(text: str, formulas: Sequence[Formula]) -> str:
