@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import tempfile
@@ -33,6 +34,11 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ[FOLDER] = shared.name
         config.add_cleanup(shared.cleanup)
         config.add_cleanup(lambda: os.environ.pop(FOLDER))
+
+
+def pytest_collection_finish() -> None:
+    """What is loaded by now is not searched whenever a job or a reader collects garbage: 0.35 s each time."""
+    gc.freeze()
 
 
 class ReferenceCar(NamedTuple):

@@ -58,7 +58,8 @@ def use(name: str, data: Any) -> None:
 def attack(name: str, numbers: range) -> None:
     """Give mutations to a target after the whole input, which it must accept."""
     use(name, TARGETS[name].seed())
-    gc.freeze()  # what is loaded by now need not be searched when a reader collects garbage
+    gc.collect()
+    gc.freeze()  # what this target loads is not searched either when a reader collects garbage; see tests/conftest.py
     failed: list[str] = []
     for number in numbers:
         data = mutated(name, number)
@@ -71,7 +72,6 @@ def attack(name: str, numbers: range) -> None:
             if isinstance(error, KeyboardInterrupt):
                 raise
             failed.append(f"mutated({name!r}, {number}): {type(error).__name__}: {str(error)[:200]}")
-    gc.unfreeze()
     if failed:
         pytest.fail(f"{len(failed)} of {len(numbers)} raise:\n" + "\n".join(failed[:12]))
 
