@@ -22,6 +22,8 @@ from lacet.services.workspace.effect_files import load_file
 from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 from tests.services.commands.test_json import conforms
+from tests.services.workbench.conftest import quick
+from tests.support.candidates import few_candidates
 from tests.support.places import HOME
 from tests.support.tables import FILES, piece, without, written
 
@@ -42,8 +44,10 @@ def effect(study: Study, *words: str) -> int:
     return main(["effect", str(study.folder), *words])
 
 
-def test_a_line_is_kept_ranked_added_and_read_again(study: Study, tmp_path: Path):
+def test_a_line_is_kept_ranked_added_and_read_again(study: Study, monkeypatch: pytest.MonkeyPatch):
     """From the command line to a version, reopened with its law and its constants; a bar ranks as the catalogue's."""
+    monkeypatch.setattr("lacet.services.workspace.kept.kept_values.fit", quick)
+    few_candidates(monkeypatch, "bump", "mybar", "anti_roll_bar")
     assert effect(study, BUMP) == 0
     assert effect(study, "mybar = suspension: k * (travel - travel_other)") == 0
     own = {f"bump.{w}" for w in ("front", "rear", "fl", "fr", "rl", "rr")} | {"mybar.front", "mybar.rear"}

@@ -15,6 +15,8 @@ from lacet.identify.signals.filters import Filters
 from lacet.services.commands.__main__ import main
 from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
+from tests.services.workbench.conftest import quick
+from tests.support.candidates import few_candidates
 from tests.support.tables import CAR, FILES, piece, written
 
 RESULT = {"rows": {"used": {}, "held": {}}, "parameters": []}
@@ -162,6 +164,8 @@ def test_a_broken_effect_file_is_named_with_its_fault(study: Study, text: str, s
 
 def test_a_users_own_effect_is_found_ranked_added_and_taken_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("lacet.services.workspace.kept.kept_values.SCORE_DRAWS", 3)
+    monkeypatch.setattr("lacet.services.workspace.kept.kept_values.fit", quick)
+    few_candidates(monkeypatch, "roll_stop", "anti_roll_bar")
     run = written(piece(), tmp_path / "run.parquet")
     folder = tmp_path / "study"
     assert main(["study", "new", str(folder), "--use", str(run), *FILES, "--draws", "19"]) == 0
