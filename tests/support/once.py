@@ -15,6 +15,18 @@ FOLDER = "LACET_TESTS_SHARED"
 T = TypeVar("T")
 
 
+def folder_once(name: str, make: Callable[[Path], object]) -> Path:
+    """A folder in which `make` has put files, in this or in another process of this run: to be read or copied."""
+
+    def made() -> Path:
+        folder = Path(os.environ[FOLDER]) / name
+        folder.mkdir()
+        make(folder)
+        return folder
+
+    return once(name, made)
+
+
 def once(name: str, make: Callable[[], T]) -> T:
     """`make()`, or a copy of what another process of this run has made of that name; it is waited for."""
     folder = Path(os.environ[FOLDER])

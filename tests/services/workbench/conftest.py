@@ -19,6 +19,7 @@ from lacet.services.workbench.server import Settings, create_app
 from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 from tests.services.workbench.bench_page import Page
+from tests.support.once import folder_once
 from tests.support.tables import CAR, piece, written
 
 TRIED = ("anti_roll_bar.front", "anti_roll_bar.rear", "coulomb.rear")
@@ -74,10 +75,15 @@ def study_of(folder: Path, seconds: float) -> Path:
     return folder
 
 
+def six_seconds() -> Path:
+    """A study whose runs are six seconds long, made once; to be copied, not changed."""
+    return folder_once("six_seconds", lambda folder: study_of(folder / "car", 6.0)) / "car"
+
+
 @pytest.fixture(scope="session")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A study whose runs are six seconds long."""
-    return study_of(tmp_path_factory.mktemp("study") / "car", 6.0)
+    return Path(shutil.copytree(six_seconds(), tmp_path_factory.mktemp("study") / "car"))
 
 
 @pytest.fixture

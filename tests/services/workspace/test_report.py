@@ -33,7 +33,7 @@ from lacet.services.workbench.session_cache import SessionCache
 from lacet.services.workspace.report import write_report
 from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
-from tests.services.workbench.conftest import make_small, study_of
+from tests.services.workbench.conftest import make_small, six_seconds
 
 MOST = 2_000_000
 """Largest size of a report [bytes]."""
@@ -42,7 +42,7 @@ MOST = 2_000_000
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A study whose report was written."""
-    folder = study_of(tmp_path_factory.mktemp("study") / "car", 6.0)
+    folder = Path(shutil.copytree(six_seconds(), tmp_path_factory.mktemp("study") / "car"))
     with pytest.MonkeyPatch.context() as patch:
         make_small(patch)
         write_report(Session(Study.open(folder)), folder / "report.html")
