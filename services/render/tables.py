@@ -314,13 +314,16 @@ def history(versions: Sequence[Any]) -> str:
 
 
 def history_table(versions: Sequence[Any]) -> Table:
-    """Fall of the error, version by version."""
+    """Fall of the error, version by version; where one was not made from the one above it, from which."""
     lines: list[list[str]] = []
+    above = 0
     for v in versions:
+        what = v.note if v.parent == above else f"{v.note} (from {v.parent})"
+        above = v.number
         used, held = v.result["rows"]["used"], v.result["rows"]["held"]
         lines.append(
             [
-                str(v.number), v.note, f"{pooled_ratio(used):.2f}", f"{worst_row(used)[1]:.2f}",
+                str(v.number), what, f"{pooled_ratio(used):.2f}", f"{worst_row(used)[1]:.2f}",
                 f"{pooled_ratio(held):.2f}" if held else "-", f"{worst_row(held)[1]:.2f}" if held else "-",
             ]
         )  # fmt: skip

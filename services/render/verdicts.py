@@ -14,6 +14,7 @@ from lacet.identify.properties.sums_of_places import SumOfPlaces
 from lacet.identify.selection.candidate import Answer, Candidate, Reason, is_significant
 from lacet.identify.selection.chow_test import ParameterConstancy
 from lacet.identify.selection.diagnosis import Diagnosis, Grounds
+from lacet.identify.selection.joint.free_constants import least_gain
 from lacet.identify.selection.laws.formulas import Formula, Law
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.selection.tolerance_tests import ToleranceUse
@@ -46,9 +47,9 @@ def why(d: Diagnosis, c: Candidate) -> str:
     """The reason of a candidate's answer, in plain sentences with numbers."""
     found = next((one for one in d.found if one.key == c.key), None)
     if found is not None and c.total is not None and not c.open_at:
-        return f"{_takes(c)} {_sentence(_as_one(c.total))}; {_chance(c, False, d.draws)}.{_rivals(c)}"
+        return f"{_takes(c)} {_sentence(_as_one(c.total))}; {_chance(c, False, d.draws)}.{_rivals(d, c)}"
     if found is not None:
-        return f"{reason_text(c, d.effects.get(c.key), d.draws)}{_rivals(c)}"
+        return f"{reason_text(c, d.effects.get(c.key), d.draws)}{_rivals(d, c)}"
     text = reason_text(c, d.effects.get(c.key), d.draws)
     if c.answer is not Answer.UNDECIDED or c.reason in (*NOT_NAMED, Reason.CONFOUNDED, Reason.NO_TABLE):
         return text
@@ -111,13 +112,20 @@ def _about(c: Candidate, effect: Effect) -> str:
     return ", ".join([*parts, *constants_text(effect, c.shape)])
 
 
-def _rivals(c: Candidate) -> str:
+def _rivals(d: Diagnosis, c: Candidate) -> str:
     """What could be in the place of an effect found, or by how much it explains more than its best rival."""
     if c.ties:
         return f" It cannot be told apart from {', '.join(key for key, _ in c.ties)} on these runs.{_wrong_tables(c)}"
     if c.margin is None:
         return _wrong_tables(c)
-    lead = f" It explains {three_digits(c.margin)} weighted squares more than {c.rival}, the best in its place."
+    margin, rival = f"{three_digits(c.margin)} weighted squares", d.effects.get(c.rival)
+    if rival is not None and c.margin < -least_gain(d.effects[c.key], rival):
+        lead = (
+            f" {c.rival}, the best in its place, explains as much but for {margin}, with more sizes or constants: the "
+            f"simpler law is named."
+        )
+    else:
+        lead = f" It explains {margin} more than {c.rival}, the best in its place."
     return f"{lead}{_wrong_tables(c)}"
 
 

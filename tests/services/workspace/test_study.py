@@ -88,7 +88,7 @@ def test_whoever_reads_the_descriptions_while_a_study_is_made_reads_whole_ones(t
     assert sorted(p.name for p in tmp_path.glob("*.tmp")) == []
 
 
-def test_versions_are_never_overwritten_and_undo_goes_to_the_parent(study: Study):
+def test_versions_are_never_overwritten_and_undo_goes_to_the_parent(study: Study, capsys: pytest.CaptureFixture[str]):
     one = study.record({}, "base", RESULT)
     two = one.record({"anti_roll_bar.front": {}}, "added", RESULT)
     kept = {file.name: file.read_bytes() for file in (study.folder / "versions").iterdir()}
@@ -100,6 +100,9 @@ def test_versions_are_never_overwritten_and_undo_goes_to_the_parent(study: Study
         assert (study.folder / "versions" / name).read_bytes() == content
     assert main(["undo", str(study.folder)]) == 0
     assert Study.open(study.folder).current == 1
+    printed = capsys.readouterr().out
+    assert "another way (from 1)" in printed  # the table of versions: not made from the one above it
+    assert "added (from" not in printed
     assert len(Study.open(study.folder).versions()) == 3
 
 

@@ -18,7 +18,7 @@ from lacet.identify.selection.laws import described
 from lacet.identify.selection.laws.formulas import Formula, Law
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.validation.noise_floor import NoiseFloor
-from lacet.services.render.verdicts import says
+from lacet.services.render.verdicts import says, why
 from tests.identify.exact_car import KNOWN, VEHICLE, driven, exact_with, fit_of
 from tests.identify.selection.exact_ranking import CANDIDATES
 
@@ -48,6 +48,19 @@ def test_friction_is_found_beside_damping_that_is_not_listed(lacks_both: Fit, fl
     assert found.found[0].values[0] == pytest.approx(FRICTION, abs=20.0)
     assert found.after is not None
     assert found.after.formulas == found.formulas
+
+
+def test_of_two_that_explain_as_much_the_simpler_is_named(lacks_both: Fit, floor: NoiseFloor):
+    found = diagnose(lacks_both, floor, CANDIDATES)
+    (friction,) = found.found
+    simple, longer = "spring_cubic.front", "bump_stop.front"  # a size; a size, a gap and an exponent
+    found = replace(found, effects={**found.effects, **{key: KNOWN[key] for key in (simple, longer)}})
+    said = why(found, replace(friction, ties=(), margin=0.5, rival=longer))
+    assert f"{longer}, the best in its place, explains as much but for 0.5 weighted squares" in said
+    assert "the simpler law is named" in said
+    for rival, margin in ((longer, 50.0), (simple, 0.5)):
+        said = why(found, replace(friction, ties=(), margin=margin, rival=rival))
+        assert f"It explains {margin:g} weighted squares more than {rival}, the best in its place." in said
 
 
 def test_rows_on_assumed_channels_may_have_no_more_than_the_error_of_these(
