@@ -105,7 +105,7 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
         )
         module.add_arguments(sub)
         sub.add_argument("--json", metavar="FILE", help="also write the result as JSON (docs/json.md); - for stdout")
-        sub.set_defaults(run=module.run)
+        sub.set_defaults(run=module.run, parser=sub)
     return parser
 
 
@@ -124,7 +124,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             overview.parse_args(words)
         with _without_collection() if argv is None else contextlib.nullcontext():
             parser = build_parser(words[0])
-        args = parser.parse_args(words)
+        args, not_understood = parser.parse_known_args(words)
+        if not_understood:  # with the usage of the command: argparse's own is of all commands
+            args.parser.error(f"not understood: {' '.join(not_understood)} (lacet {args.command} --help)")
     except BrokenPipeError:
         return _unread()
     from lacet.services.one_thread import one_thread  # imported here, so that `lacet --help` is fast

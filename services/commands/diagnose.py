@@ -104,4 +104,5 @@ def _next(args: argparse.Namespace, session: Session, diagnosis: Diagnosis) -> d
 
 
 def _hint(diagnosis: Diagnosis, study: Study) -> str:
-    return hint(bool(tied(diagnosis)), bool(untestable(diagnosis)), study.folder)
+    laws = [formula.of_one_term.text for formula in diagnosis.formulas]
+    return hint(bool(tied(diagnosis)), bool(untestable(diagnosis)), diagnosis.unlisted, laws, study.folder)

@@ -65,6 +65,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the information asked for."""
+    for option in ("rig", "vehicle", "reference"):
+        if getattr(args, option) is not None and not (args.model or args.rows or args.effects is not None):
+            raise UsageError(f"--{option} goes with --model, --rows or --effects; a run alone is shown as recorded")
     status, result = DONE, dict[str, Any]()
     if args.channels:
         result["channels"] = _channels()

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from lacet.daq.pauses import pauses
 from lacet.daq.run import Signal
 from lacet.daq.stuck import instrument
+from lacet.identify.signals.own_rate import at_own_rate
 from lacet.services.render import tables
 from lacet.services.render.pauses import pause_lines
 
@@ -14,8 +15,10 @@ from lacet.services.render.pauses import pause_lines
 def channels_text(signals: Mapping[str, Signal]) -> str:
     """One line a sensor, those at the wheels together; below them channels with unusable samples, or with pauses.
 
-    Samples and rates [Hz] are the lowest to the highest of its channels where they differ.
+    Samples and rates [Hz] are the lowest to the highest of its channels where they differ; a channel that is slower
+    than its table has those between its empty cells.
     """
+    signals = {name: at_own_rate(signal) for name, signal in signals.items()}
     groups: dict[str, list[str]] = {}
     for name in signals:
         groups.setdefault(instrument(name)[0], []).append(name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
@@ -78,13 +79,21 @@ def _values(effect: Mapping[str, Any]) -> str:
     return ", ".join([*parts, *(f"{name} {value:g}" for name, value in effect["shape"].items())])
 
 
-def hint(tied: bool, untestable: bool, folder: object) -> str:
-    """The command to type when candidates are tied, or cannot be tested; else an empty string."""
+def hint(tied: bool, untestable: bool, unlisted: bool, laws: Sequence[str], folder: object) -> str:
+    """The commands to type, one a line: for what is not listed, of which `laws` are descriptions, best first; and for
+    candidates that are tied, or cannot be tested. An empty string where there are none.
+    """
+    out: list[str] = []
+    if unlisted:
+        out.append(f"When and where it remains: lacet where {folder}")
+        if laws:
+            line = shlex.quote(f"found = {laws[0]}")
+            out.append(f"To have the simple law among the effects: lacet effect {folder} {line}, then diagnose again")
     if tied:
-        return f"Which run tells them apart: lacet diagnose {folder} --next"
-    if untestable:
-        return f"Which run would show an effect that cannot be tested: lacet diagnose {folder} --next EFFECT"
-    return ""
+        out.append(f"Which run tells them apart: lacet diagnose {folder} --next")
+    elif untestable:
+        out.append(f"Which run would show an effect that cannot be tested: lacet diagnose {folder} --next EFFECT")
+    return "\n".join(out)
 
 
 def _names(keys: Sequence[str]) -> str:

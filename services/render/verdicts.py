@@ -354,12 +354,15 @@ def _remaining_rows(d: Diagnosis) -> str:
             f" And something that is not listed acts in {_listed(list(rows))}: with {_listed(stand_ins)} in its place "
             f"hardly more than noise remains, but a law of no catalogue explains clearly more."
         )
-    shown = ", ".join(f"{row} at {ratios[row]:.2f}" for row in rows[: SELECTION.most_reported])
-    more = len(rows) - SELECTION.most_reported
     return (
-        f" And something that is not listed remains in {shown}{f' and {more} more rows' if more > 0 else ''} (÷ floor, "
-        f"with all these in the model).{_on_assumptions(d)}"
+        f" And something that is not listed remains in {_times_floor(d)} (÷ floor, with all these in the model)."
+        f"{_on_assumptions(d)}"
     )
+
+
+def _times_floor(d: Diagnosis) -> str:
+    """The rows in which something unlisted remains, with their rest ÷ floor."""
+    return _listed([f"{row} at {d.grounds.ratios[row]:.2f}" for row in d.unlisted_rows])
 
 
 def _without_tables(d: Diagnosis) -> str:
@@ -438,10 +441,9 @@ def _unlisted(d: Diagnosis) -> str:
         return _with_law(_not_constant(d), d.formulas)
     if not d.unlisted_rows:
         return "Something is missing, and these runs do not show what: the effects found, or what a bench table says."
-    worst = d.unlisted_rows[0]
     text = (
-        f"The model fails ({worst} at {grounds.ratios[worst]:.2f} times its floor) and the cause is not listed: no "
-        f"effect of the catalogue explains it with a plausible size, beyond chance, and what remains is not noise."
+        f"The model fails ({_times_floor(d)} times the floor) and the cause is not listed: no effect of the catalogue "
+        f"explains it with a plausible size, beyond chance, and what remains is not noise."
     )
     text += f" {_not_constant(d)}" if grounds.not_constant else ""
     text += f"{_on_assumptions(d)}{_beyond_plausible(d)}"
@@ -501,7 +503,7 @@ def _not_constant(d: Diagnosis) -> str:
         f"The model lacks something{where} that is not the same in all runs, and the cause is not listed: {each} "
         f"{'explains' if one else 'explain'} most, but {'it' if one else 'each'} would have to be another law in each "
         f"run (simulated runs differ as much with p = {max(runs.p for runs in tests.values()):.2g}). What changes from "
-        f"run to run, as a temperature or a load does, is worth a look."
+        f"run to run, as a temperature or a load does, may be the cause."
     )
 
 
@@ -529,6 +531,8 @@ def _with_law(text: str, formulas: Sequence[Formula]) -> str:
     )
     if others := [_point(law) for law in best.front if law != best.law]:
         text += f" Simpler or longer: {'; '.join(others)}."
+    if elsewhere := [f"'{one.text}' ({100 * one.law.explained:.0f} %)" for one in formulas[1:]]:
+        text += f" And at other places: {'; '.join(elsewhere[: SELECTION.most_reported])}."
     return text
 
 

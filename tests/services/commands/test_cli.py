@@ -109,3 +109,16 @@ def test_an_encoding_without_all_characters_ends_no_command(tmp_path: Path) -> N
         assert b"Python" in done.stdout
         if kept:
             json.loads(done.stdout.decode("utf-8"))
+
+
+def test_words_too_many_are_answered_with_the_usage_of_the_command(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["add", "study", "anti_roll_bar.front", "anti_roll_bar.rear", "--nosuch"])
+    said = capsys.readouterr().err
+    assert said.startswith("usage: lacet add ")
+    assert "not understood: anti_roll_bar.rear --nosuch" in said
+
+
+def test_an_option_that_a_run_alone_has_no_use_for_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", "run.parquet", "--rig", "rig.toml"]) == 2
+    assert "--rig goes with --model" in capsys.readouterr().err

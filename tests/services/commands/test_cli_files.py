@@ -23,7 +23,7 @@ def test_a_folder_that_cannot_be_made_is_one_line(
         return 0
 
     parsed = argparse.Namespace(command="identify", json=None, run=run)
-    parser = SimpleNamespace(parse_args=lambda _: parsed)
+    parser = SimpleNamespace(parse_known_args=lambda _: (parsed, []))
     monkeypatch.setattr("lacet.services.commands.__main__.build_parser", lambda _: parser)
     assert main(["identify"]) == 2
     assert capsys.readouterr().err == f"lacet identify: {tmp_path / 'file'} is a file: name a folder in its place\n"

@@ -33,7 +33,7 @@ def diagnosis(best: Candidate | None, *others: Candidate) -> Any:
 
 def hint_of(found: Any) -> str:
     """The hint after a diagnosis."""
-    return hint(bool(tied(found)), bool(untestable(found)), "DIR")
+    return hint(bool(tied(found)), bool(untestable(found)), False, [], "DIR")
 
 
 def test_the_hint_says_what_can_be_asked():
@@ -44,6 +44,15 @@ def test_the_hint_says_what_can_be_asked():
     assert tied(diagnosis(both)) == ["a", "b", "c"]
     assert "lacet diagnose DIR --next" in hint_of(diagnosis(both))
     assert "EFFECT" in hint_of(diagnosis(lone, Candidate("x", {}, Answer.NOT_TESTABLE)))
+
+
+def test_what_is_not_listed_is_looked_for_and_its_law_can_be_kept():
+    law = "tyre.front: p * speed*deflection"
+    lines = hint(False, True, True, [law, "tyre.rear: p * speed*deflection"], "DIR").splitlines()
+    assert lines[0].endswith("lacet where DIR")
+    assert f"lacet effect DIR 'found = {law}'" in lines[1]
+    assert lines[2].endswith("--next EFFECT")
+    assert hint(False, False, True, [], "DIR").endswith("lacet where DIR")
 
 
 def test_nothing_is_said_unless_it_was_asked():
