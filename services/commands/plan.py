@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.rig import Rig
@@ -15,6 +17,7 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.design.run_information import with_constants
 from lacet.identify.design.run_ranking import Quantity, Ranked, Ranking, chosen, quantities
 from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY as G
 from lacet.identify.progress import Stage
 from lacet.identify.regression.model import Model
@@ -99,6 +102,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--keep", metavar="DIR", type=Path, help="where simulated motions are kept")
 
 
+_BY_SHEET = (
+    "  ± by sheet: what instruments off by what their sheet allows make of it at present, in no other column here. "
+    "A run narrows it little; a calibration does, or lacet check, and a sheet with smaller tolerances."
+)
+
+
 @dataclass(frozen=True)
 class _Start:
     """Starting point of a plan: the present fit, or none before the first run."""
@@ -113,6 +122,13 @@ class _Start:
     files: tuple[str | Path | None, str | Path | None]
     folder: Path | None
     warnings: tuple[str, ...]
+
+    def half_by_sheet(self, name: str) -> float | None:
+        """Half of a parameter's 95 % interval that the sheet's gains and latencies make; None where it is not known."""
+        if self.fitted is None or name not in self.fitted.model.names:
+            return None
+        place = self.fitted.model.names.index(name)
+        return TWO_SIDED_95 * float(np.sqrt(max(0.0, self.fitted.covariance_sheet[place, place]))) or None
 
 
 def run(args: argparse.Namespace) -> int:
@@ -251,7 +267,14 @@ def plan_result(
     return {
         "runs": [drive.name for drive in start.prepared],
         "wanted": [
-            {"name": n, "value": q.value, "unit": q.unit, "half95": q.half, "goal": goal}
+            {
+                "name": n,
+                "value": q.value,
+                "unit": q.unit,
+                "half95": q.half,
+                "goal": goal,
+                "sheet95": start.half_by_sheet(n),
+            }
             for n, goal in first.targets.items()
             for q in [present[n]]
         ],
@@ -313,12 +336,18 @@ def _print(result: Mapping[str, Any], most: int) -> None:
         print(tables.table(["", "run", "s", "÷", "what shrinks most"], lines, text_columns=2))
     if result["best"]:
         shrinks = result["best"]["shrinks"]
+        sheet = {one["name"]: one["sheet95"] for one in result["wanted"]}
         rows = [
-            [s["name"], half_width(s["before"]), half_width(s["after"]), s["unit"], f"{s['factor']:.1f}"]
+            [
+                s["name"], half_width(s["before"]), half_width(s["after"]), s["unit"], f"{s['factor']:.1f}",
+                "-" if sheet[s["name"]] is None else half_width(sheet[s["name"]]),
+            ]
             for s in shrinks
-        ]
+        ]  # fmt: skip
         title = f"\nWhat {result['best']['duration']:.0f} s of the first would do:"
-        print(f"{title}\n{tables.table(['', '± now', '± then', 'unit', '÷'], rows)}")
+        print(f"{title}\n{tables.table(['', '± now', '± then', 'unit', '÷', '± by sheet'], rows)}")
+        if any(sheet.values()):
+            print(tables.wrapped(_BY_SHEET, 2))
     if result["out_of_reach"]:
         names = [item["name"] for item in result["out_of_reach"]]
         more = f" and {len(names) - 12} more (--json has all)" if len(names) > 12 else ""

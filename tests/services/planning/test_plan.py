@@ -156,6 +156,10 @@ def test_on_top_of_runs_with_runs_like_others_and_no_simulator(
     assert result["best"]["run"] == "another run like off"
     assert result["best"]["speed"] is None
     assert [w["name"] for w in result["wanted"]] == ["YY6", "Iyy"]
+    by_sheet, of_whole = (w["sheet95"] for w in result["wanted"])
+    assert by_sheet > 0.0
+    assert of_whole is None
+    assert "± by sheet" in capsys.readouterr().out
     assert "YY6 ±" in result["says"]
     used = str(written(piece("sine", 5.0, 11.0), tmp_path / "used.parquet"))
     assert main(["plan", used, *FILES, "--like", like, "--want", "YY7"]) == 2

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from lacet.daq.blocks import Flag
 from lacet.services.render.run_channels import channels_text
 from tests.support.tables import piece
@@ -32,3 +34,14 @@ def test_what_is_lacking_unusable_or_of_another_rate_is_shown():
     assert "fl fr rl rr ground; fl rl rr hub" in lines[3]
     assert lines[5].split()[-6:] == ["125", "to", "250", "125.0", "to", "250.0"]
     assert lines[-1] == "  unusable samples: wheel.fl.force 7 of 250"
+
+
+def test_empty_cells_of_a_channel_slower_than_its_table_are_no_lost_samples():
+    signals = dict(piece("sine", 5.0, 6.0).signals)
+    speed = signals["correvit.speed"]
+    flags = np.full(speed.t.size, np.uint8(Flag.MISSING))
+    flags[::5] = 0
+    signals["correvit.speed"] = replace(speed, flags=flags)
+    lines = channels_text(signals).splitlines()
+    assert lines[6].split()[-2:] == ["50", "50.0"]
+    assert lines[-1] == "  unusable samples: none"
