@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.selection.candidate import Reason
 from lacet.identify.selection.chow_test import ParameterConstancy, _compared, chow_test, chow_test_in_model
 from lacet.identify.selection.columns.cross_products import CrossProducts
 from lacet.identify.selection.columns.layout import Layout
@@ -203,6 +205,24 @@ def test_a_law_that_changes_from_run_to_run_is_none(not_constant: Fit, monkeypat
     assert "another law in each run" in says(found)
     assert "in run 1" in says(found)
     assert "in run 2" in says(found)
+    assert "lacks something in suspension.fl, suspension.fr that is not the same in all runs" in says(found)
+
+
+def test_several_laws_that_change_from_run_to_run_are_one_cause(not_constant: Fit) -> None:
+    """Said once, with what each would have to be; no small rest, and no part, is said of them beside."""
+    found = diagnose(not_constant, floor_of(not_constant, DRAWS), TRIED)
+    (one,) = found.grounds.not_constant.values()
+    keys = (CUBIC.key, "coulomb.rear")
+    grounds = replace(found.grounds, not_constant=dict.fromkeys(keys, one))
+    candidates = [replace(c, reason=Reason.PART_OF_REST) if c.key in keys else c for c in found.candidates]
+    both = replace(found, grounds=grounds, candidates=tuple(candidates), small_rows=(Row("tyre.fl"),))
+    text = says(both)
+    assert text.count("not the same in all runs") == text.count("another law in each run") == 1
+    assert f"{keys[0]} (" in text
+    assert f"{keys[1]} (" in text
+    assert "explain most, but each would" in text
+    assert "is small" not in text
+    assert "explain a part" not in text
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """Rows that a run lacks and what they need, in words."""
 
-from lacet.identify.car.rows import ROWS, Row, lacking
-from lacet.services.render.row_needs import not_recorded_lines, rows_lacking
+from lacet.identify.car.rows import ROWS, Absence, Row, RowAbsence, lacking
+from lacet.services.render.row_needs import no_rows, not_recorded_lines, rows_lacking
 
 
 def test_rows_of_a_kind_and_channels_of_all_corners_are_one_word():
@@ -15,6 +15,18 @@ def test_rows_of_a_kind_and_channels_of_all_corners_are_one_word():
     assert len(text) < 240, text
     assert "wheel.*.force" in text
     assert "more channels" in text
+
+
+def test_without_any_row_the_least_and_the_car_s_vertical_force_are_named():
+    """What a single wheel's spin needs gives no mass."""
+    left_out = {
+        Row("spin.fl"): RowAbsence(Absence.CHANNELS, ("imu.rate",)),
+        Row("chassis.fz"): RowAbsence(Absence.CHANNELS, ("imu.accel", "imu.rate")),
+    }
+    lines = no_rows(left_out).splitlines()
+    assert lines[0].strip() == "spin.fl: needs: imu.rate (or car.yaw_rate)"
+    assert lines[1].strip() == "or chassis.fz: needs: imu.accel, imu.rate"
+    assert no_rows({Row("chassis.fz"): left_out[Row("chassis.fz")]}).count("chassis.fz") == 1
 
 
 def test_single_rows_are_named_with_what_they_lack():

@@ -241,8 +241,8 @@ def test_runs_kept_in_the_study_are_the_runs_to_the_last_bit(folder: Path, monke
     monkeypatch.setattr(reading, "load", lambda *args: (count.append(1), read(*args))[1])
     first, again = (StudyRuns(Study.open(folder)).loaded for _ in range(2))
     assert len(count) == 1
-    assert (again.vehicle, again.rig, again.warnings, again.sheet) == (
-        first.vehicle, first.rig, first.warnings, first.sheet,
+    assert (again.vehicle, again.rig, again.warnings, again.sheet, again.notes) == (
+        first.vehicle, first.rig, first.warnings, first.sheet, first.notes,
     )  # fmt: skip
     for one, other in zip(again.prepared, first.prepared, strict=True):
         assert one.recording.rig == other.recording.rig

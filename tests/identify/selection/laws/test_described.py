@@ -12,6 +12,7 @@ from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.language.compiled import one_line_effects
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.candidate import Reason
 from lacet.identify.selection.diagnose import diagnose
 from lacet.identify.selection.joint.refits import Joint
 from lacet.identify.selection.laws import described
@@ -48,6 +49,24 @@ def test_friction_is_found_beside_damping_that_is_not_listed(lacks_both: Fit, fl
     assert found.found[0].values[0] == pytest.approx(FRICTION, abs=20.0)
     assert found.after is not None
     assert found.after.formulas == found.formulas
+
+
+def test_where_a_stand_in_leaves_noise_alone_an_unlisted_law_is_said_to_explain_more(
+    lacks_both: Fit, floor: NoiseFloor
+):
+    """And each law at another place is named."""
+    found = diagnose(lacks_both, floor, CANDIDATES)
+    assert "something that is not listed remains in" in says(found)
+    rows, spring = found.unlisted_rows, "spring_cubic.front"
+    quiet = replace(found.grounds, ratios=dict.fromkeys(found.grounds.ratios, 1.0))
+    candidates = [replace(c, reason=Reason.PART_OF_REST) if c.key == spring else c for c in found.candidates]
+    (law,) = found.formulas[:1]
+    elsewhere = replace(law, text="suspension.rear: p * travel**2", law=replace(law.law, explained=0.5))
+    other = replace(found, grounds=quiet, candidates=tuple(candidates), formulas=(law, elsewhere))
+    assert f"acts in {', '.join(rows)}: with {spring} in its place hardly more than noise" in says(other)
+    assert "And at other places: 'suspension.rear: p * travel**2' (50 %)." in says(other)
+    for changed in (replace(other, grounds=found.grounds), replace(other, candidates=found.candidates)):
+        assert "in its place hardly more than noise" not in says(changed)
 
 
 def test_of_two_that_explain_as_much_the_simpler_is_named(lacks_both: Fit, floor: NoiseFloor):
