@@ -87,13 +87,20 @@ def hint(tied: bool, untestable: bool, unlisted: bool, laws: Sequence[str], fold
     if unlisted:
         out.append(f"When and where it remains: lacet where {folder}")
         if laws:
-            line = shlex.quote(f"found = {laws[0]}")
+            line = shlex.quote(f"found = {_at_all_places(laws)}")
             out.append(f"To have the simple law among the effects: lacet effect {folder} {line}, then diagnose again")
     if tied:
         out.append(f"Which run tells them apart: lacet diagnose {folder} --next")
     elif untestable:
         out.append(f"Which run would show an effect that cannot be tested: lacet diagnose {folder} --next EFFECT")
     return "\n".join(out)
+
+
+def _at_all_places(laws: Sequence[str]) -> str:
+    """The first law; at both axles, without a place, where another is the same at the other one."""
+    place, _, law = laws[0].partition(": ")
+    both = any(other.partition(": ")[2] == law for other in laws[1:])
+    return f"{place.partition('.')[0]}: {law}" if both else laws[0]
 
 
 def _names(keys: Sequence[str]) -> str:

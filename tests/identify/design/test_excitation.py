@@ -100,10 +100,15 @@ def test_a_size_is_no_better_known_than_its_constants_are():
     with_stop = fit(Model.of([*one.model.effects, stop]), one.runs)
     theta = np.where([n == name for n in with_stop.model.names], 2e5, with_stop.theta)
     wider, now = with_constants(replace(with_stop, theta=theta))
+    place = wider.model.names.index(name)
     there, known = quantities(predicted(wider, now), VEHICLE), quantities(with_stop, VEHICLE)
     assert there[name].half > 2.0 * known[name].half
     for key in ("spring.rl.k", "damper.rl.c", "damper.rr.c"):  # which depend on no constant
         assert there[key].half == pytest.approx(known[key].half, rel=0.2), key
+    noise = run_information(drive("sine"), wider, draws=1).noise
+    changes = [wider.model.names.index(f"bump_stop.front.{constant}") for constant in ("gap", "n")]
+    assert not noise[changes].any()
+    assert noise[place, place] > 0.0
     gap, exponent = there["bump_stop.front.gap"], there["bump_stop.front.n"]
     assert (gap.value, gap.unit, exponent.value, exponent.unit) == (0.004, "m", 1.5, "")
 

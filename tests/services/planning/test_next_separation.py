@@ -50,7 +50,9 @@ def test_what_is_not_listed_is_looked_for_and_its_law_can_be_kept():
     law = "tyre.front: p * speed*deflection"
     lines = hint(False, True, True, [law, "tyre.rear: p * speed*deflection"], "DIR").splitlines()
     assert lines[0].endswith("lacet where DIR")
-    assert f"lacet effect DIR 'found = {law}'" in lines[1]
+    assert "lacet effect DIR 'found = tyre: p * speed*deflection'" in lines[1]  # at both axles
+    for laws in ([law], [law, "tyre.rear: p * deflection"]):
+        assert f"'found = {law}'" in hint(False, False, True, laws, "DIR")
     assert lines[2].endswith("--next EFFECT")
     assert hint(False, False, True, [], "DIR").endswith("lacet where DIR")
 
