@@ -38,9 +38,9 @@ from lacet.services.planning.manoeuvre_library import Limits, Plan, kinds, libra
 from lacet.services.planning.nominal_car import known_values, planned_car
 from lacet.services.planning.simulated_plans import SECONDS, PlannedRun, SensorSetup, simulated_runs
 from lacet.services.progress import Progress, ServiceStage, ServiceStep
+from lacet.services.render.candidate_reasons import why as why_untested
 from lacet.services.render.effect_text import not_measured
 from lacet.services.render.separation_report import recommendation, run_sentence, tried_words
-from lacet.services.render.verdicts import why as why_untested
 from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Version
 from lacet.simulate.engine import engine_library

@@ -10,10 +10,11 @@ from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.selection.candidate import Answer
 from lacet.identify.validation.score import RowError, RowScore
+from lacet.services.render.candidate_reasons import last_name, three_digits
 from lacet.services.render.effect_text import effect_label
 from lacet.services.render.intervals import with_interval
 from lacet.services.render.rows import ratio_text
-from lacet.services.render.verdicts import last_name, row_of_tolerances, three_digits
+from lacet.services.render.verdicts import row_of_tolerances
 
 MOST_WORDS = 40
 """Largest number of words on a card, its button apart."""

@@ -25,6 +25,7 @@ from lacet.identify.validation.parameter_estimates import Estimate, estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.row_sources import row_sources
 from lacet.identify.validation.score import Comparison, RowScore, pooled_ratio, row_ratios
+from lacet.services.render.candidate_reasons import open_because, short_reason, why
 from lacet.services.render.consistency_report import body_fault_words, consistency_words
 from lacet.services.render.identifiability import not_derived, open_parameters, rows_not_judged, unidentified
 from lacet.services.render.implausible_values import implausible_result
@@ -32,7 +33,7 @@ from lacet.services.render.known_scale import scale_result
 from lacet.services.render.little_shown import little_shown_result
 from lacet.services.render.row_sources import sources_result
 from lacet.services.render.rows import colour_words, row_absence
-from lacet.services.render.verdicts import open_because, says, short_reason, why
+from lacet.services.render.verdicts import says
 from lacet.services.workspace.loading import Loaded
 from lacet.services.workspace.study import Study
 

@@ -43,9 +43,10 @@ from lacet.identify.validation.noise_floor import floor_of
 from lacet.identify.validation.parameter_estimates import GivenBeforehand, SeenAside, estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.row_sources import RowKind, row_sources
+from lacet.services.render.candidate_reasons import reason_text, short_reason
 from lacet.services.render.identifiability import unidentified
 from lacet.services.render.row_needs import no_rows, to_add
-from lacet.services.render.verdicts import reason_text, says, short_reason
+from lacet.services.render.verdicts import says
 from tests.identify import cars
 from tests.identify.regression.test_fewer_instruments import expected, standing
 

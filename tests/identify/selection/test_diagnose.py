@@ -20,7 +20,8 @@ from lacet.identify.selection.diagnosis import Diagnosis
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.services.commands.__main__ import main
-from lacet.services.render.verdicts import says, why
+from lacet.services.render.candidate_reasons import why
+from lacet.services.render.verdicts import says
 from tests.identify import cars
 
 pytestmark = pytest.mark.slow  # a minute and a half; the stories and the page's test go the same way in make test

@@ -19,8 +19,9 @@ from lacet.identify.selection.joint.unknown_tables import BesideTable
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor
+from lacet.services.render.candidate_reasons import reason_text, why
 from lacet.services.render.verdict_card import verdict_card
-from lacet.services.render.verdicts import reason_text, says, why
+from lacet.services.render.verdicts import says
 from lacet.services.workspace.results import diagnosis_result
 from tests.identify.exact_car import KNOWN, driven, exact, exact_with, fit_of
 from tests.identify.selection.exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE

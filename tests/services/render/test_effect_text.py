@@ -11,8 +11,8 @@ from lacet.identify.car.motion import GroundLaserOffset
 from lacet.identify.regression.prepared_run import Unmeasured
 from lacet.identify.selection.candidate import Answer, Candidate, Reason
 from lacet.services.commands.__main__ import main
+from lacet.services.render.candidate_reasons import reason_text
 from lacet.services.render.effect_text import catalogue_text, effect_label, not_measured, trial_outcome, why_not
-from lacet.services.render.verdicts import reason_text
 from lacet.services.workspace.effect_list import list_effects
 
 LACKING = Unmeasured("sine", ("correvit.speed", GroundLaserOffset(-0.06)))

@@ -8,8 +8,8 @@ import pytest
 
 from lacet.identify.effects.language.compiled import one_line_effects
 from lacet.identify.selection.candidate import Answer, Candidate, Reason
+from lacet.services.render.candidate_reasons import sizes
 from lacet.services.render.shape_constants import constants_text
-from lacet.services.render.verdicts import sizes
 from tests.identify.exact_car import KNOWN, VEHICLE
 
 

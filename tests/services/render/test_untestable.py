@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from lacet.identify.selection.candidate import Answer, Candidate, Reason
-from lacet.services.render.verdicts import short_reason
+from lacet.services.render.candidate_reasons import short_reason
 
 
 @pytest.mark.parametrize(("by", "said"), [

@@ -32,7 +32,8 @@ from lacet.identify.selection.rest import (
 )
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor
-from lacet.services.render.verdicts import says, why
+from lacet.services.render.candidate_reasons import why
+from lacet.services.render.verdicts import says
 from tests.identify.exact_car import KNOWN
 from tests.identify.selection.exact_ranking import DRAWS
 from tests.identify.selection.joint.three_hidden import KEYS, LAWS, STOP, WithFault

@@ -19,7 +19,8 @@ from lacet.identify.selection.laws import described
 from lacet.identify.selection.laws.formulas import Formula, Law
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.validation.noise_floor import NoiseFloor
-from lacet.services.render.verdicts import says, why
+from lacet.services.render.candidate_reasons import why
+from lacet.services.render.verdicts import says
 from tests.identify.exact_car import KNOWN, VEHICLE, driven, exact_with, fit_of
 from tests.identify.selection.exact_ranking import CANDIDATES
 
