@@ -13,7 +13,7 @@ from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.selection.candidate import Reason
+from lacet.identify.selection.candidate import Answer, Reason
 from lacet.identify.selection.chow_test import ParameterConstancy, _compared, chow_test, chow_test_in_model
 from lacet.identify.selection.columns.cross_products import CrossProducts
 from lacet.identify.selection.columns.layout import Layout
@@ -221,8 +221,12 @@ def test_several_laws_that_change_from_run_to_run_are_one_cause(not_constant: Fi
     assert f"{keys[0]} (" in text
     assert f"{keys[1]} (" in text
     assert "explain most, but each would" in text
-    assert "is small" not in text
     assert "explain a part" not in text
+    bar = next(c for c in candidates if c.key == "anti_roll_bar.front")
+    beside = replace(both, found=(replace(bar, answer=Answer.MISSING, reason=Reason.PASSES),))
+    assert "not the same in all runs" in says(beside)
+    assert "is small" not in says(beside)
+    assert "is small: tyre.fl" in says(replace(beside, grounds=replace(grounds, not_constant={})))
 
 
 @pytest.mark.parametrize(
