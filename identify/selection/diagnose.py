@@ -63,7 +63,6 @@ from lacet.identify.selection.rest import Rest
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor
-from lacet.identify.validation.row_sources import assumed_channels
 
 
 def diagnose(
@@ -292,7 +291,7 @@ def _concluded(
         # Laws that change from run to run are in the last fit, and not in the car.
         formulas = propose(first if not_constant else joint.space, failing)
     scale = runs.scale() if exceeded else None
-    assumed = assumed_channels(runs.refittable, unlisted) if runs.refittable and unlisted else {}
+    assumed = runs.assumed({row: rest.forces[row][0] for row in unlisted}) if unlisted else {}
     grounds = Grounds(rest.lack.ratios, rest.forces, rest.sheet, exceeded, not_constant, scale, assumed)
     verdict = Verdict.MISSING if found else Verdict.NOTHING
     if not found and (unlisted or exceeded or not_constant or of_tables):

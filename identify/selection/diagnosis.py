@@ -40,7 +40,7 @@ class Grounds:
     tolerance_exceeded : whether the sheet would have to be wrong, and no other test makes a cause unlisted.
     not_constant : candidate → Chow test that rejects that its parameters are the same in all runs.
     scale : where the sheet would have to be wrong and no run measures wheel loads: how well the scale is known.
-    assumed : unlisted row → channels assumed in some run, whose error its rest may be; empty where no run is at hand.
+    assumed : unlisted row → channels assumed in some run whose error its rest may be; empty where no run is at hand.
     """
 
     ratios: Mapping[Row, float]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from lacet.daq.assumptions import Assumption
 from lacet.identify.car.rows import ROWS, Row, RowAbsence, needs
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.tolerances import ASSUMED
@@ -68,11 +69,15 @@ def row_sources(fitted: Fit) -> list[RowSource]:
     return out
 
 
-def assumed_channels(fitted: Fit, rows: Collection[Row]) -> dict[Row, tuple[str, ...]]:
-    """Row → channels assumed in some run whose assumptions move it, for those of `rows` that have any."""
+def assumed_channels(fitted: Fit, rests: Mapping[Row, float]) -> dict[Row, tuple[str, ...]]:
+    """Row → channels assumed in some run, for rows whose rest may be their error.
+
+    `rests` : row → RMS of what remains [N or N·m]; it may be their error where the assumptions, each 1.96 σ off (95 %),
+    move the row by as much.
+    """
     out: dict[Row, dict[str, None]] = {}
     for one in row_sources(fitted):
-        if one.row in rows and one.assumed:
+        if one.assumed and rests.get(one.row, np.inf) <= TWO_SIDED_95 * one.moved:
             out.setdefault(one.row, {}).update(dict.fromkeys(one.assumed))
     return {row: tuple(channels) for row, channels in out.items()}
 

@@ -190,6 +190,11 @@ class CampaignRanking:
     def scale(self) -> None:
         """None: the runs are elsewhere."""
 
+    def assumed(self, rests: Mapping[Row, float]) -> Mapping[Row, tuple[str, ...]]:
+        """Nothing: the runs are elsewhere."""
+        del rests
+        return {}
+
     def products(
         self, floor: NoiseFloor, layout: Layout, prior_stiffening: float, drifts: Mapping[str, float], seed: int,
         extent: Extent = Extent.ALL, known: CrossProducts | None = None,

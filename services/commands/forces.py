@@ -27,7 +27,8 @@ DESCRIPTION = """\
 Estimate the wheel forces of a run without dynamometers, of a car identified once with them: each with a 95 % band, up
 to the fit's cut-off: vertical at each wheel, longitudinal of the car (by axle where a row separates them), lateral by
 axle; never lateral left and right. Where the run does have dynamometers they are not used, and the error against them
-is shown. A missing channel is named, doubtful ones are (exit code 3). How, and what is assumed: docs/forces.md.
+is shown. Missing and doubtful channels are named; exit code 3 with doubtful ones. How, and what is assumed:
+docs/forces.md.
 
   lacet forces STUDY run.mcap                          table, and a picture in STUDY/pictures
   lacet forces STUDY run.parquet -o forces.parquet     time histories; .csv the same

@@ -24,6 +24,7 @@ from lacet.identify.selection.columns.regressor_noise import RegressorNoise
 from lacet.identify.selection.columns.weighted_columns import Weighting
 from lacet.identify.validation.noise_floor import NoiseFloor
 from lacet.identify.validation.parameter_estimates import estimates, rows_absent
+from lacet.identify.validation.row_sources import assumed_channels
 
 
 class RankedRuns(Protocol):
@@ -99,6 +100,10 @@ class RankedRuns(Protocol):
 
     def scale(self) -> KnownScale | None:
         """How well the scale of the fit is known; None where a run measures wheel loads, or is not at hand."""
+        ...
+
+    def assumed(self, rests: Mapping[Row, float]) -> Mapping[Row, tuple[str, ...]]:
+        """Row → assumed channels whose error its rest may be (`assumed_channels`); empty where no run is at hand."""
         ...
 
     def products(
@@ -212,6 +217,10 @@ class LocalRuns:
     def scale(self) -> KnownScale | None:
         """How well the scale of the fit is known; None where a run measures wheel loads."""
         return known_scale(self.fit, estimates(self.fit, None, self.fit.runs))
+
+    def assumed(self, rests: Mapping[Row, float]) -> Mapping[Row, tuple[str, ...]]:
+        """Row → assumed channels whose error its rest may be."""
+        return assumed_channels(self.fit, rests)
 
     def products(
         self, floor: NoiseFloor, layout: Layout, prior_stiffening: float, drifts: Mapping[str, float], seed: int,

@@ -234,6 +234,23 @@ def test_a_session_holds_few_versions_and_reads_the_others_again(folder: Path, c
     assert calls["fit"] == 1, "read, not fitted again"
 
 
+def test_notes_on_how_runs_were_read_are_kept_and_those_of_runs_held_out_join_them(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+):
+    runs = StudyRuns(Study.open(folder))
+    loaded = runs.loaded
+    noted = replace(loaded, notes=("one: a flat road",), warnings=("one: a doubt",))
+    again = run_records.restored_runs(run_records.runs_record(noted), loaded.rig, loaded.vehicle)
+    assert (again.notes, again.warnings) == (noted.notes, noted.warnings)
+    other = replace(noted, notes=("two: a flat road",), warnings=("one: a doubt", "two: a doubt"))
+    of = {"used": noted, "held out": other}
+    monkeypatch.setattr(StudyRuns, "_kept", lambda self, kind: of.get(kind, noted))
+    joined = StudyRuns(replace(Study.open(folder), held=Study.open(folder).used))
+    assert joined.held == other.prepared
+    assert joined.loaded.notes == ("one: a flat road", "two: a flat road")
+    assert joined.loaded.warnings == ("one: a doubt", "two: a doubt")
+
+
 def test_runs_kept_in_the_study_are_the_runs_to_the_last_bit(folder: Path, monkeypatch: pytest.MonkeyPatch):
     """They are read anew when the rig says something else, and where they are too long to be kept."""
     reading = lacet.services.workspace.kept.study_runs

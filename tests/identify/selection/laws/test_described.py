@@ -87,7 +87,7 @@ def test_rows_on_assumed_channels_may_have_no_more_than_the_error_of_these(
     lacks_both: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch
 ):
     assumed = {Row("suspension.fl"): tuple(f"laser.{c}.hub" for c in CORNERS)}
-    monkeypatch.setattr("lacet.identify.selection.diagnose.assumed_channels", lambda *_: assumed)
+    monkeypatch.setattr("lacet.identify.selection.columns.ranked_runs.assumed_channels", lambda *_: assumed)
     sentence = "What remains in suspension.fl may be the error of assumed channels (laser.*.hub)"
     found = diagnose(lacks_both, floor, CANDIDATES)
     assert sentence in says(found)
