@@ -10,7 +10,6 @@ import numpy as np
 
 from lacet.daq.assumptions import Assumption
 from lacet.identify.car.rows import ROWS, Row, RowAbsence, needs
-from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.tolerances import ASSUMED
@@ -69,15 +68,14 @@ def row_sources(fitted: Fit) -> list[RowSource]:
     return out
 
 
-def assumed_channels(fitted: Fit, rests: Mapping[Row, float]) -> dict[Row, tuple[str, ...]]:
-    """Row → channels assumed in some run, for rows whose rest may be their error.
+def assumed_channels(fitted: Fit, floors: Mapping[Row, float]) -> dict[Row, tuple[str, ...]]:
+    """Row → channels assumed in some run, of rows that the assumptions, one tolerance each, move by the floor or more.
 
-    `rests` : row → RMS of what remains [N or N·m]; it may be their error where the assumptions, each 1.96 σ off (95 %),
-    move the row by as much.
+    `floors` : row → its noise floor [N or N·m], of the rows asked for.
     """
     out: dict[Row, dict[str, None]] = {}
-    for one in row_sources(fitted):
-        if one.assumed and rests.get(one.row, np.inf) <= TWO_SIDED_95 * one.moved:
+    for one in row_sources(fitted) if floors else ():
+        if one.assumed and one.moved >= floors.get(one.row, np.inf):
             out.setdefault(one.row, {}).update(dict.fromkeys(one.assumed))
     return {row: tuple(channels) for row, channels in out.items()}
 
