@@ -118,6 +118,12 @@ class FaultColumns:
         return next(iter(cls._of_rows(run, lambda rows: [rows])), None)
 
     @classmethod
+    def of_chassis(cls, run: PreparedRun) -> FaultColumns:
+        """The products of a run's chassis rows, of which it has some."""
+        (found,) = cls._of_rows(run, lambda rows: [tuple(row for row in rows if row.kind == "chassis")])
+        return found
+
+    @classmethod
     def by_row(cls, run: PreparedRun) -> dict[Row, FaultColumns]:
         """The products of each row of a run by itself: what it says beside parameters of its own."""
         run = next(iter(run.pieces()))

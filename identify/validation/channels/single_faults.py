@@ -17,13 +17,20 @@ from typing import Final
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from lacet.daq.channels import COLUMNS
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.reconstruct import Recording
 from lacet.identify.signals.spline import CubicSpline
-from lacet.identify.validation.channels.fault_columns import BLOCKS, LATE, FaultColumns, FaultEstimate
+from lacet.identify.validation.channels.fault_columns import (
+    BLOCKS,
+    LATE,
+    FaultColumns,
+    FaultEstimate,
+    PositionEstimate,
+)
 
 _CHANCE: Final = 1e-4
 """Probability that an interval of the estimates misses the true value."""
@@ -162,7 +169,7 @@ def column_faults(runs: Sequence[PreparedRun]) -> list[EquationFault]:
     joined = FaultColumns.joined([found for _, found in each])
     if all(isinstance(one, ColumnFault) and one.fault is Fault.LATE for one in out):
         least = sum(found.count * _taken(out, run.name) for run, found in each) / joined.count
-        misplaced = _misplaced(joined, each[0][0], seconds)
+        misplaced = _misplaced(joined, [run for run, _ in each], seconds)
         if misplaced is not None and misplaced.misfit**2 - misplaced.remaining**2 > least:
             return [misplaced]
     if not out and len(each) > 1:
@@ -177,24 +184,39 @@ def _taken(found: Sequence[ColumnFault | Suspects], run: str) -> float:
 
 
 def _misplaced(
-    products: FaultColumns, run: PreparedRun, seconds: Mapping[str, tuple[float, float]]
+    products: FaultColumns, runs: Sequence[PreparedRun], seconds: Mapping[str, tuple[float, float]]
 ) -> Misplaced | None:
-    """The inertial unit at a place that is certainly another than the rig's; None where it may be right."""
-    found = products.unit_position() if any(row.kind == "chassis" for row in run.rows) else None
+    """The inertial unit at a place that is certainly another than the rig's; None where it may be right.
+
+    The chassis rows alone must say so, too: no law that a suspension or a tyre lacks acts in them.
+    """
+    with_chassis = [run for run in runs if any(row.kind == "chassis" for row in run.rows)]
+    found = products.unit_position() if with_chassis else None
     if found is None:
         return None
     late = max((one.delay_fall for one in products.estimates() if one.column.startswith("imu.accel")), default=0.0)
     misfit = products.misfit
     if late > found.fall or found.fall < _PART * (misfit - 1.0):  # one of its columns is late, or the model lacks a law
         return None
-    reach = _reach(products.block_count)
-    least = max(_ELSEWHERE, 3.0 * run.recording.rig.tolerance("imu.accel", "position"))
+    least = max(_ELSEWHERE, 3.0 * runs[0].recording.rig.tolerance("imu.accel", "position"))
+    apart = _far(found, products.block_count, least)
+    if not apart.any():
+        return None
+    chassis = FaultColumns.joined([FaultColumns.of_chassis(run) for run in with_chassis])
+    own = chassis.unit_position()
+    if own is None or not np.all(_far(own, chassis.block_count, least)[apart] & (own.value * found.value > 0.0)[apart]):
+        return None
     off: dict[str, float] = {}
     half: dict[str, float] = {}
-    for axis, value, spread in zip("xyz", found.value.tolist(), found.spread.tolist(), strict=True):
-        if abs(value) - reach * spread > least:
+    for axis, value, spread, far in zip("xyz", found.value.tolist(), found.spread.tolist(), apart, strict=True):
+        if far:
             off[axis], half[axis] = value, _USUAL * spread
     return Misplaced(off, half, misfit**0.5, max(0.0, misfit - found.fall) ** 0.5, seconds) if off else None
+
+
+def _far(found: PositionEstimate, blocks: int, least: float) -> NDArray[np.bool_]:
+    """(3,) whether the unit is farther than `least` [m] from the rig's position along an axis, beyond chance."""
+    return np.abs(found.value) - _reach(blocks) * found.spread > least
 
 
 def _joint_fault(

@@ -12,6 +12,7 @@ from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.validation.channels.fault_columns import FaultColumns
 from lacet.identify.validation.channels.single_faults import Misplaced, column_faults
 from lacet.identify.validation.channels.unit_position import unit_position
 from lacet.services.render.channels import from_equations
@@ -75,3 +76,17 @@ def test_a_unit_at_another_place_is_named_when_runs_are_read_beside_anti_roll_ba
     assert isinstance(found, Misplaced)
     assert found.off == {"x": pytest.approx(-0.128, abs=0.04)}
     assert "rough (2.0 to 22.0 s): the inertial unit is not where the rig says" in from_equations(found)
+
+
+def test_a_unit_that_only_suspension_and_tyre_rows_want_elsewhere_is_where_the_rig_says(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A law that a suspension lacks, as a bump stop, may want that; in the chassis rows it does not act."""
+    off, sound = (
+        [PreparedRun.of(piece(name, 2.0, 22.0), VEHICLE, rig) for name in ("sine", "rough")]
+        for rig in (moved(0.128, 0.0, 0.0), RIG)
+    )
+    right = {run.name: FaultColumns.of_chassis(run) for run in sound}
+    assert FaultColumns.of_chassis(off[0]).count < FaultColumns.of(off[0]).count  # pyright: ignore[reportOptionalMemberAccess]
+    monkeypatch.setattr(FaultColumns, "of_chassis", lambda run: right[run.name])
+    assert not [found for found in column_faults(off) if isinstance(found, Misplaced)]
