@@ -80,8 +80,10 @@ def _values(effect: Mapping[str, Any]) -> str:
 
 
 def hint(tied: bool, untestable: bool, unlisted: bool, laws: Sequence[str], folder: object) -> str:
-    """The commands to type, one a line: for what is not listed, of which `laws` are descriptions, best first; and for
-    candidates that are tied, or cannot be tested. An empty string where there are none.
+    """The commands to type, one a line; an empty string where there are none.
+
+    For what is not listed, of which `laws` are descriptions, best first; and for candidates that are tied, or cannot be
+    tested.
     """
     out: list[str] = []
     if unlisted:

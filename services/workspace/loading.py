@@ -91,14 +91,19 @@ class CheckedRun:
     """A run prepared for its equations, and what is doubtful in its channels, one sentence each.
 
     `run` : with the channels of its equations only, samples that are no measurement flagged; `unusable` : of those
-    samples; `recorded` : of faults of single channels, those first; `compared` : of channels that contradict others.
+    samples; `single` : of other faults of single channels; `compared` : of channels that contradict others.
     """
 
     run: Run
     prepared: PreparedRun
     unusable: tuple[str, ...]
-    recorded: tuple[str, ...]
+    single: tuple[str, ...]
     compared: tuple[str, ...]
+
+    @property
+    def recorded(self) -> tuple[str, ...]:
+        """Those of single channels, by their values."""
+        return (*self.unusable, *self.single)
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -271,12 +276,11 @@ def checked_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None) -
     run, rig = for_equations(run, vehicle, rig)
     run, flagged = without_unusable(run, rig)
     drive = PreparedRun.of(run, vehicle, rig, filters)
-    unusable = tuple(map(channels.sentence, flagged))
+    unusable, single = (tuple(map(channels.sentence, found)) for found in (flagged, recorded_faults(run, drive)))
     overview = drive.overview()
     late = [plausibility.of_clocks(one) for one in differing_clocks(overview)]
     compared = late or [plausibility.sentence(doubt) for doubt in doubtful_channels(overview)]
-    single = map(channels.sentence, recorded_faults(run, drive))
-    return CheckedRun(run, drive, unusable, (*unusable, *single), tuple(compared))
+    return CheckedRun(run, drive, unusable, single, tuple(compared))
 
 
 def in_common(ready: Sequence[ReadyRun]) -> tuple[list[ReadyRun], tuple[NoiseLevel, ...]]:
