@@ -159,3 +159,26 @@ class Best:
         if self.winner is None:
             return 1.0
         return float((1 + np.count_nonzero(self.drawn >= self.winner.margin)) / (1 + self.draws))
+
+
+def family_wise(best: Sequence[Best]) -> list[float]:
+    """Probability, for each, that any of these margins is as large where all the laws of the model are the truth; 1
+    before any was tried.
+
+    Margins are compared in units of their own standard deviation over simulated and measured runs, which are
+    exchangeable then.
+    Source: P. H. Westfall and S. S. Young, Resampling-based multiple testing (1993), chapter 2 (max T).
+    """
+    margins = {i: one.winner.margin for i, one in enumerate(best) if one.winner is not None}
+    if not margins:
+        return [1.0] * len(best)
+    scores = {i: _standardised(np.append(best[i].drawn, margin)) for i, margin in margins.items()}
+    worst = np.max([score[:-1] for score in scores.values()], axis=0)
+    above = {i: int(np.count_nonzero(worst >= score[-1])) for i, score in scores.items()}
+    return [(1 + above[i]) / (1 + one.draws) if i in above else 1.0 for i, one in enumerate(best)]
+
+
+def _standardised(values: Array) -> Array:
+    """Less their mean, in units of their standard deviation; zeros where all are equal."""
+    off = values - np.mean(values)
+    return off / (np.std(off) or 1.0)

@@ -2,8 +2,9 @@
 
 A listed law, or several together, may do nearly all of the work of an unlisted cause. In the place of each law found,
 with all others in the model, the law of the grammar that explains most is therefore its rival, too. It is the better
-answer where it explains more than the law found, by more than chance if that is the truth (Cox's test of separate
-families, of the largest margin over the grammar) and by more than laws in a model may be inexact, and the law found
+answer where it explains more than the law found, by more than chance if the laws found are the truth (Cox's test of
+separate families, of the largest margin over the grammar and over the laws found: with six, one in seventeen would
+else lose its name by chance at 1 %) and by more than laws in a model may be inexact, and the law found
 explains no more than chance beside it. Laws found together need no test of their own: what explains more than a set of
 laws explains more than each, too, beside the others.
 
@@ -30,7 +31,7 @@ from lacet.identify.selection.joint.shape_constants import fall_of
 from lacet.identify.selection.laws.encompassing import Standing, beyond_chance_of, kinds_of
 from lacet.identify.selection.laws.formulas import laws_at
 from lacet.identify.selection.laws.names import catalogue_names, key_of, with_closer_constants
-from lacet.identify.selection.laws.replacement import Best, Places, Replacement, Winner
+from lacet.identify.selection.laws.replacement import Best, Places, Replacement, Winner, family_wise
 from lacet.identify.selection.laws.search import without_noise
 from lacet.identify.selection.laws.settings import LAWS
 from lacet.identify.selection.rest import AddedLaw, added_laws
@@ -43,10 +44,16 @@ def with_unlisted_rivals(joint: Joint, seed: int = 0, progress: Progress = silen
     space, stands = without_noise(joint.space), beyond_chance_of(joint.space)
     found = [law for law in added_laws(space) if law.key in joint.keys]
     where = {effect.key: effect.where for effect in joint.effects}
-    rivals = [
+    best = [
         pair
         for (kind, place), laws in _by_place(found, where).items()
-        for pair in _rivals(space, laws, laws_at(space, kind, place), stands, progress)
+        for pair in _best_in_place(space, laws, laws_at(space, kind, place), progress)
+    ]
+    chances = family_wise([one for _, one in best])
+    rivals = [
+        (key, one.winner.law)
+        for (key, one), p in zip(best, chances, strict=True)
+        if one.winner is not None and p <= SELECTION.level(space.draws) and _is_better(one.winner, stands)
     ]
     names = catalogue_names(joint.first, [rival for _, rival in rivals]) if rivals else {}
     # One that is listed was a rival in the search.
@@ -78,18 +85,16 @@ def _by_place(laws: Sequence[AddedLaw], where: Mapping[str, str]) -> dict[tuple[
     }
 
 
-def _rivals(
-    space: ScoreTests, laws: Sequence[AddedLaw], pool: Sequence[OneLine], stands: Standing, progress: Progress
-) -> Iterator[tuple[str, OneLine]]:
-    """Keys of the laws of a place with a better one in the pool, and that one."""
+def _best_in_place(
+    space: ScoreTests, laws: Sequence[AddedLaw], pool: Sequence[OneLine], progress: Progress
+) -> Iterator[tuple[str, Best]]:
+    """Keys of the laws of a place, and the best of the pool in the place of each."""
     best = _over({law.key: Best(space.draws) for law in laws}, space, laws, pool, progress)
     # Between the values of its grid a rival may explain more.
     winners = [one.winner for one in best.values() if one.winner is not None]
     near = [one.law for one in winners if one.margin >= (SELECTION.rival_share - 1.0) * one.place.fall]
     closer = [shaped for law in {key_of(law): law for law in near}.values() for shaped in with_closer_constants(law)]
-    for key, one in _over(best, space, laws, closer, progress).items():
-        if one.winner is not None and _is_better(one, one.winner, stands):
-            yield key, one.winner.law
+    yield from _over(best, space, laws, closer, progress).items()
 
 
 def _over(
@@ -108,9 +113,9 @@ def _over(
     return out
 
 
-def _is_better(best: Best, one: Winner, stands: Standing) -> bool:
-    """Whether the best of a pool is a better answer than the law that it is in the place of."""
-    if not _is_clearly_more(one.margin, one.place.fall) or best.p > SELECTION.level(best.draws):
+def _is_better(one: Winner, stands: Standing) -> bool:
+    """Whether a law whose margin is no chance is a better answer than the law that it is in the place of."""
+    if not _is_clearly_more(one.margin, one.place.fall):
         return False
     beside = one.place.given(np.array([one.place.k]))
     return not stands(beside.fall, beside.null)

@@ -19,7 +19,7 @@ from lacet.identify.selection.joint.refits import Joint, beside_of
 from lacet.identify.selection.laws import unlisted_rivals
 from lacet.identify.selection.laws.encompassing import beyond_chance_of
 from lacet.identify.selection.laws.formulas import laws_at
-from lacet.identify.selection.laws.replacement import Best, Replacement
+from lacet.identify.selection.laws.replacement import Best, Replacement, Winner, family_wise
 from lacet.identify.selection.laws.search import without_noise
 from lacet.identify.selection.laws.unlisted_rivals import (
     _is_better,
@@ -134,7 +134,9 @@ def test_a_law_stays_that_explains_more_than_chance_beside_the_better_one(floor:
     assert not with_unlisted_rivals(joint)
 
 
-def test_a_better_law_is_better_by_more_than_chance(groove_and_bar: Fit, floor: NoiseFloor):
+def test_a_better_law_is_better_by_more_than_chance(
+    groove_and_bar: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch
+):
     joint = found_as(groove_and_bar, [STROKE, BAR], floor)
     space, stands = without_noise(joint.space), beyond_chance_of(joint.space)
     (law,) = (law for law in joint.laws if law.key == STROKE.key)
@@ -142,9 +144,28 @@ def test_a_better_law_is_better_by_more_than_chance(groove_and_bar: Fit, floor: 
     best = Best(space.draws).over(Replacement.of(space, [law], pool), pool)
     one = best.winner
     assert one is not None
-    assert _is_better(best, one, stands)
-    assert not _is_better(replace(best, drawn=best.drawn + one.margin - np.min(best.drawn)), one, stands)
-    assert not _is_better(best, one, lambda fall, null: True)
+    assert _is_better(one, stands)
+    assert not _is_better(one, lambda fall, null: True)
+    assert family_wise([best]) == [best.p] == [1 / (1 + space.draws)]
+    by_chance = replace(best, drawn=best.drawn + one.margin - np.min(best.drawn))
+    monkeypatch.setattr(unlisted_rivals, "family_wise", lambda many: [by_chance.p for _ in many])
+    assert not with_unlisted_rivals(joint)
+
+
+def test_the_more_laws_are_found_the_larger_a_margin_is_by_chance():
+    """Of laws that are the truth, one in a hundred has a margin beyond chance, and not one of each six."""
+    rng, draws, alone, together = np.random.default_rng(3), 199, 0, 0
+    for _ in range(400):
+        # Each law's margins have a size of their own; the last run is the measured one.
+        runs = [rng.gumbel(-5.0 * k, 1.0 + k, draws + 1) for k in range(6)]
+        best = [Best(draws, Winner(GROOVE, None, float(one[-1])), one[:-1]) for one in runs]  # type: ignore[arg-type]
+        level = SELECTION.level(draws)
+        alone += any(one.p <= level for one in best)
+        together += any(p <= level for p in family_wise(best))
+    assert alone / 400 == pytest.approx(1 - 0.99**6, abs=0.02)
+    assert together / 400 <= 0.02
+    assert family_wise([Best(draws), Best(draws)]) == [1.0, 1.0]
+    assert family_wise([best[0], Best(draws)])[1] == 1.0
 
 
 @pytest.mark.parametrize("size", [300.0, 500.0])
