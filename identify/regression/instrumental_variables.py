@@ -125,9 +125,16 @@ def pair_of(run: Run, recording: Recording) -> Pair:
 
 
 def pairs_of(fitted: Fit, runs: Sequence[Run]) -> tuple[Pair, ...]:
-    """The halves of a fit's runs, given as recorded and in the order of its drives, its sensor faults removed."""
-    pairs = [pair_of(run, drive.recording) for run, drive in zip(runs, fitted.runs, strict=True)]
-    return tuple(Pair(corrected_run(p.even, fitted), corrected_run(p.odd, fitted)) for p in pairs)
+    """The halves of a fit's runs, given as recorded and in the order of its drives, its sensor faults removed.
+
+    Rows have the samples of the whole run: where the brakes act, a half alone may say one instant sooner or later.
+    """
+    out: list[Pair] = []
+    for run, drive in zip(runs, fitted.runs, strict=True):
+        pair = pair_of(run, drive.recording)
+        halves = (corrected_run(half, fitted) for half in (pair.even, pair.odd))
+        out.append(Pair(*(PreparedRun(half.recording, index=drive.index) for half in halves)))
+    return tuple(out)
 
 
 def fit_instruments(fitted: Fit, pairs: Sequence[Pair]) -> Instruments:

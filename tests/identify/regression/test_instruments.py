@@ -10,8 +10,8 @@ import pytest
 
 from lacet.daq.errors import NotIdentifiable
 from lacet.daq.formats.open_run import open_run
-from lacet.daq.run import Run
-from lacet.identify.car.rows import TYRE_ROWS
+from lacet.daq.run import Run, signal_of
+from lacet.identify.car.rows import TYRE_ROWS, Row
 from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.instrumental_variables import Instruments, Pair, fit_instruments, pair_of, pairs_of
@@ -140,6 +140,21 @@ def test_a_channel_too_short_to_be_halved_is_named(rough: Run, plain: Fit) -> No
     short = replace(rough, signals={**rough.signals, "correvit.speed": replace(signal, flags=flags)})
     with pytest.raises(NotIdentifiable, match=r"correvit\.speed has too few usable samples to be halved"):
         pair_of(short, plain.runs[0].recording)
+
+
+def test_where_the_brakes_act_halves_have_the_rows_of_the_whole_run(rough: Run) -> None:
+    """The pressure crosses 1 bar between two of its samples."""
+    t = rough.signals["wheel.fl.force"].t
+    pressure = 1e5 * (t - t[0]) / np.ptp(t) + 1e4 * np.random.default_rng(0).standard_normal(t.size)
+    signals = {**rough.signals, "brake.pressure": signal_of("brake.pressure", t, pressure[:, None])}
+    braked = replace(rough, brakes="unknown", signals=signals)
+    plain = fitted([braked], unbias=False)
+    (drive,), (pair,) = plain.runs, pairs_of(plain, [braked])
+    own = {len(PreparedRun(half.recording).index[Row.parse("spin.rl")]) for half in (drive, pair.even, pair.odd)}
+    assert len(own) > 1  # by its own pressure a half has other samples
+    for half in (pair.even, pair.odd):
+        assert {row: list(at) for row, at in half.index.items()} == {row: list(at) for row, at in drive.index.items()}
+    assert fit_instruments(plain, [pair]).fit.residual[0].keys() == set(drive.rows)
 
 
 @pytest.mark.slow
