@@ -119,6 +119,9 @@ class Effect(ABC):
     """Whether it is part of the base model."""
     describes: ClassVar[bool] = False
     """Whether it only describes a force of unknown cause, as far as that follows measured states."""
+    opposed: ClassVar[bool] = False
+    """Whether what it does at one wheel of an axle is the opposite of what it does at the other, one force of one part;
+    else left and right are two parts, which are never equal."""
     needs: ClassVar[tuple[str, ...]] = ()
     """Channels it needs beyond those of the rows it acts on."""
     grids: ClassVar[Mapping[str, tuple[float, ...]]] = {}

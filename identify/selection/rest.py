@@ -37,6 +37,7 @@ class AddedLaw:
     describes : whether it only describes a force of unknown cause.
     looks_like : names of the laws that it is confounded with by construction.
     removed : what of the value was removed from the runs before the fit, of a sensor fault.
+    opposed : whether its forces at the two wheels of an axle are one and its opposite.
     """
 
     key: str
@@ -51,6 +52,7 @@ class AddedLaw:
     describes: bool = False
     looks_like: tuple[str, ...] = ()
     removed: float = 0.0
+    opposed: bool = False
 
     @property
     def rows(self) -> frozenset[Row]:
@@ -169,7 +171,7 @@ def _added(
         out.append(
             AddedLaw(
                 effect.key, effect.name, values, tuple(at), force, null, acting, wrong, effect.sheet_entries,
-                effect.describes, effect.looks_like, gone,
+                effect.describes, effect.looks_like, gone, effect.opposed,
             )
         )  # fmt: skip
     return tuple(out)

@@ -16,6 +16,7 @@ class AcrossAxle(PhysicalEffect):
     """A force on the left wheel that follows a difference left − right, and its opposite on the right wheel."""
 
     rows = ("suspension",)
+    opposed = True
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:

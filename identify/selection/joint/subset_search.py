@@ -100,7 +100,8 @@ def inexactness_of(family: str, rows: Collection[Row], laws: Sequence[AddedLaw])
     out = 0.0
     for one in laws:
         if not one.rows.isdisjoint(rows):
-            side = set(rows) < one.rows  # of the wheels that the law acts at, one: left and right are never equal
+            # Of the wheels that the law acts at, one: left and right are never equal, but where one part joins them.
+            side = set(rows) < one.rows and not one.opposed
             alike = side or one.family == family or one.describes
             shared = sum(one.row_force[row] for row in one.rows & set(rows)) if family in one.looks_like else 0.0
             share = SELECTION.selected_inexactness if alike else SELECTION.law_inexactness

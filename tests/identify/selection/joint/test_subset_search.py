@@ -99,14 +99,16 @@ def test_the_same_law_elsewhere_is_one_step_and_another_law_is_not(space: ScoreT
 
 
 def test_what_remains_of_one_wheel_is_compared_with_a_fifth_of_the_laws_force(subset: Joint):
-    """Left and right are never equal; another law at both wheels is compared with a twentieth."""
+    """Left and right are never equal, but a bar's; another law at both wheels is compared with a twentieth."""
     beside = Subset(subset.space, (), subset.space, settled=subset.laws)
-    (bar,) = (law for law in subset.laws if law.key == "anti_roll_bar.front")
-    both = Candidate("coulomb.front", {}, rows=tuple(sorted(bar.rows)))
-    one = replace(both, rows=both.rows[:1])
-    others = [law for law in subset.laws if not law.rows.isdisjoint(both.rows)]
-    assert beside.inexactness(both) == pytest.approx(sum(0.05**2 * law.force for law in others))
-    assert beside.inexactness(one) == pytest.approx(sum(0.2**2 * law.force for law in others))
+    for key in (STOP.key, "anti_roll_bar.front"):
+        (law,) = (law for law in subset.laws if law.key == key)
+        both = Candidate("coulomb.front", {}, rows=tuple(sorted(law.rows)))
+        one = replace(both, rows=both.rows[:1])
+        others = [other for other in subset.laws if not other.rows.isdisjoint(both.rows)]
+        shares = {other.key: 0.05 if other.key == "anti_roll_bar.front" else 0.2 for other in others}
+        assert beside.inexactness(both) == pytest.approx(sum(0.05**2 * other.force for other in others))
+        assert beside.inexactness(one) == pytest.approx(sum(shares[other.key] ** 2 * other.force for other in others))
 
 
 def test_the_margin_over_a_rival_is_what_a_fit_with_it_leaves_more(subset: Joint):
