@@ -58,6 +58,9 @@ _SUSPECTS: Final = 4
 _PART: Final = 0.02
 """Least part of all excess over the floor that a wrong sign, or another place of the inertial unit, takes away: what
 else is wrong may take the rest. A law that the model lacks moves the unit too, and explains nearly nothing by it."""
+_PART_OF_CHASSIS: Final = 0.5
+"""Least part of the excess of the chassis rows that another place of the inertial unit takes away: more than all that
+acts on the body and is not in the model."""
 _EXPLAINS: Final = 0.8
 """Least part of all excess over the floor that another unit takes away, or a delay."""
 _MUCH: Final = 3.0
@@ -188,7 +191,8 @@ def _misplaced(
 ) -> Misplaced | None:
     """The inertial unit at a place that is certainly another than the rig's; None where it may be right.
 
-    The chassis rows alone must say so, too: no law that a suspension or a tyre lacks acts in them.
+    The chassis rows alone must say so, too, and hold better for it: no law that a suspension or a tyre lacks acts in
+    them, and a force on the body that the model lacks, as a trailer's, moves the unit too and explains little by it.
     """
     with_chassis = [run for run in runs if any(row.kind == "chassis" for row in run.rows)]
     found = products.unit_position() if with_chassis else None
@@ -204,7 +208,9 @@ def _misplaced(
         return None
     chassis = FaultColumns.joined([FaultColumns.of_chassis(run) for run in with_chassis])
     own = chassis.unit_position()
-    if own is None or not np.all(_far(own, chassis.block_count, least)[apart] & (own.value * found.value > 0.0)[apart]):
+    if own is None or own.fall < _PART_OF_CHASSIS * (chassis.misfit - 1.0):
+        return None
+    if not np.all(_far(own, chassis.block_count, least)[apart] & (own.value * found.value > 0.0)[apart]):
         return None
     off: dict[str, float] = {}
     half: dict[str, float] = {}

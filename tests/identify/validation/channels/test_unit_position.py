@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from lacet.daq.rig import Rig
+from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.validation.channels import single_faults
 from lacet.identify.validation.channels.fault_columns import FaultColumns
 from lacet.identify.validation.channels.single_faults import Misplaced, column_faults
 from lacet.identify.validation.channels.unit_position import unit_position
@@ -90,3 +93,25 @@ def test_a_unit_that_only_suspension_and_tyre_rows_want_elsewhere_is_where_the_r
     assert FaultColumns.of_chassis(off[0]).count < FaultColumns.of(off[0]).count  # pyright: ignore[reportOptionalMemberAccess]
     monkeypatch.setattr(FaultColumns, "of_chassis", lambda run: right[run.name])
     assert not [found for found in column_faults(off) if isinstance(found, Misplaced)]
+
+
+def pulled(run: Run, mass: float) -> Run:
+    """A run of a car that a trailer of this mass pulls at the rear axle, against its acceleration."""
+    accel = run.signals["imu.accel"]
+    signals = dict(run.signals)
+    for name in ("wheel.rl.force", "wheel.rr.force"):
+        values = signals[name].values.copy()
+        for k in (0, 1):
+            values[:, k] += 0.5 * mass * np.interp(signals[name].t, accel.t, accel.values[:, k])
+        signals[name] = replace(signals[name], values=values)
+    return replace(run, signals=signals)
+
+
+def test_a_force_on_the_body_that_the_model_lacks_does_not_move_the_unit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The chassis rows want the unit elsewhere too, and are hardly better for it."""
+    towing = [
+        PreparedRun.of(pulled(piece(name, 2.0, 22.0), 300.0), VEHICLE, RIG) for name in ("liftoff", "sine", "rough")
+    ]
+    assert not [found for found in column_faults(towing) if isinstance(found, Misplaced)]
+    monkeypatch.setattr(single_faults, "_PART_OF_CHASSIS", 0.0)
+    assert [found for found in column_faults(towing) if isinstance(found, Misplaced)]
