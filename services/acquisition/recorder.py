@@ -55,6 +55,11 @@ class LiveDecoder(Protocol):
         """Blocks of incomplete data at the end."""
         ...
 
+    @property
+    def failures(self) -> Mapping[str, str]:
+        """Sensor → what its driver failed with, of those that are no longer decoded."""
+        ...
+
     def losses(self) -> Losses:
         """Losses so far, by bus, then cause."""
         ...
@@ -167,6 +172,7 @@ class Recorder:
         self._published_bytes = 0
         self._load = BusLoad(dict(buses or {}))
         self._monitor = SensorMonitor(decoder.watched, time.monotonic())
+        self._failed: set[str] = set()
         self._begun_ns = self._clock.now_ns()
         self._marks: deque[RunEvent] = deque(maxlen=MOST_MARKS)
         self._mark_numbers = itertools.count(1)
@@ -198,7 +204,7 @@ class Recorder:
 
         Raises
         ------
-        BaseException : a bug in a reader or a driver; the log is closed with that reason.
+        BaseException : a bug in a reader; the log is closed with that reason.
         """
         started = time.monotonic()
         self._intake.start()
@@ -268,6 +274,7 @@ class Recorder:
                 last_frame = now
                 self._work(batch)
             self._watch_clock()
+            self._watch_drivers()
             self._watch_sensors()
             self._watch_wires()
             self._store_marks()
@@ -330,6 +337,14 @@ class Recorder:
             self._notify(text)
             self._log.event(RunEvent(step.t_ns, EventKind.HOST_CLOCK, "", "stepped", text))
 
+    def _watch_drivers(self) -> None:
+        for name, failure in self._decoder.failures.items():
+            if name not in self._failed:
+                self._failed.add(name)
+                text = f"sensor {name}: its driver failed: {failure}"
+                self._notify(f"{text}; its bytes are recorded: correct it, then lacet decode")
+                self._log.event(RunEvent(self._clock.now_ns(), EventKind.SENSOR, name, "failed", text))
+
     def _watch_sensors(self) -> None:
         for name, status in self._monitor.check(time.monotonic()):
             self._notify(f"sensor {name}: {status}")
@@ -389,6 +404,7 @@ class Recorder:
         if self._publisher is not None:
             self._publisher.on_mark = None  # no marker is answered that would not be stored
         self._watch_clock()
+        self._watch_drivers()
         self._watch_wires()
         self._store_marks()
         self._log.watch_medium()

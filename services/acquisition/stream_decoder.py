@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import traceback
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from lacet.daq.blocks import Block
 from lacet.daq.channels import CHANNELS
@@ -42,6 +44,10 @@ class _Wired:
     sensor: Sensor
     driver: Driver
     state: State
+    failure: str = ""
+    """What its driver failed with; nothing is decoded by it from then on."""
+    unread: int = 0
+    """Frames of its bus from then on."""
 
 
 class Decoder:
@@ -106,30 +112,37 @@ class Decoder:
         blocks: list[Block] = []
         for wired in self._wired:
             if wired.sensor.bus == frames.source:
-                found, wired.state = wired.driver.decode(frames, wired.state)
-                blocks += self._kept(wired, found)
+                blocks += self._decoded(wired, lambda driver, state: driver.decode(frames, state))
+                wired.unread += len(frames) if wired.failure else 0
         return blocks
 
     def finish(self) -> list[Block]:
         """Blocks at the end of the stream, from samples with frames missing."""
         blocks: list[Block] = []
         for wired in self._wired:
-            found, wired.state = wired.driver.finish(wired.state)
-            blocks += self._kept(wired, found)
+            blocks += self._decoded(wired, lambda driver, state: driver.finish(state))
         return blocks
+
+    @property
+    def failures(self) -> dict[str, str]:
+        """Sensor → what its driver failed with, of those that are no longer decoded."""
+        return {wired.sensor.name: wired.failure for wired in self._wired if wired.failure}
 
     def ledger(self) -> dict[str, dict[str, int]]:
         """Counts so far by bus: ``received`` frames, ``samples``, and by cause those lost or not used.
 
-        ``unknown_ident`` counts frames of a CAN bus that no driver decodes; ``no_driver`` frames of a bus without one.
+        ``unknown_ident`` counts frames of a CAN bus that no driver decodes; ``no_driver`` frames of a bus without one;
+        ``driver_failed`` frames from the batch on in which a driver raised an exception.
         """
         out: dict[str, dict[str, int]] = {}
         for source in sorted({*self._received, *(wired.sensor.bus or "" for wired in self._wired)}):
             drivers = [wired for wired in self._wired if wired.sensor.bus == source]
             sums: dict[str, int] = defaultdict(int)
             for wired in drivers:
-                for cause, number in wired.driver.counts(wired.state).items():
+                for cause, number in self._counts(wired).items():
                     sums[cause] += number
+                if wired.failure:
+                    sums["driver_failed"] += wired.unread
             bus = self.rig.buses.get(source)
             total = self._received[source]
             if not drivers:
@@ -148,18 +161,46 @@ class Decoder:
         return {source: causes for source, causes in rows.items() if causes}
 
     @staticmethod
-    def _kept(wired: _Wired, blocks: list[Block]) -> list[Block]:
+    def _counts(wired: _Wired) -> Mapping[str, int]:
+        """Counts of a driver so far; none of one that cannot say them."""
+        try:
+            return wired.driver.counts(wired.state)
+        except Exception as error:
+            wired.failure = wired.failure or _place_of(error)
+            return {}
+
+    @staticmethod
+    def _decoded(wired: _Wired, step: Callable[[Driver, State], tuple[list[Block], State]]) -> list[Block]:
+        """The blocks that the rig lists, of one step of a driver; none once it has failed.
+
+        A driver may be anybody's: what others decode goes on, and so does the recording of all raw frames.
+        """
+        if wired.failure:
+            return []
+        try:
+            blocks, wired.state = step(wired.driver, wired.state)
+        except Exception as error:
+            wired.failure = _place_of(error)
+            return []
         return [block for block in blocks if block.channel in wired.sensor.channels and len(block)]
 
 
+def _place_of(error: Exception) -> str:
+    """An exception in a line, with the place where it was raised."""
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {error} ({Path(place.filename).name}, line {place.lineno})"
+
+
 def decode_frames(decoder: Decoder, frames: list[Frames]) -> dict[str, Block]:
-    """Blocks by channel of whole buses, decoded to the end."""
+    """Blocks by channel of whole buses, decoded to the end. Raises RuntimeError where a driver failed."""
     parts: dict[str, list[Block]] = defaultdict(list)
     for batch in frames:
         for block in decoder.feed(batch):
             parts[block.channel].append(block)
     for block in decoder.finish():
         parts[block.channel].append(block)
+    if decoder.failures:
+        raise RuntimeError("; ".join(f"{sensor}: {text}" for sensor, text in decoder.failures.items()))
     return {channel: Block.concat(blocks) for channel, blocks in parts.items()}
 
 

@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
             found = decode_log(raw, args.output, args.rig, args.dbc, line.progress, own, limits_of(args))
     _report(found)
     write_result(args.json, "decode", found)
-    return WITH_LOSSES if found["losses"] or found["absent"] or found["damage"] else DONE
+    return WITH_LOSSES if found["losses"] or found["failures"] or found["absent"] or found["damage"] else DONE
 
 
 @contextmanager
@@ -103,6 +103,8 @@ def _report(found: dict[str, Any]) -> None:
         rest = {cause: number for cause, number in causes.items() if number and cause != "received"}
         text = ", ".join(f"{number:,} {cause.replace('_', ' ')}" for cause, number in rest.items())
         print(f"{source}: {causes['received']:,} frames; {text or 'nothing decoded'}")
+    for sensor, failure in found["failures"].items():
+        print(f"sensor {sensor}: its driver failed and decoded nothing more: {failure}")
     for name in found["absent"]:
         print(f"{name}: no samples came")
     for line in found["notes"]:

@@ -80,6 +80,7 @@ def decode_log(
         "samples": log.samples,
         "ledger": decoder.ledger(),
         "losses": decoder.losses(),
+        "failures": decoder.failures,
         "absent": [name for name in decoder.channels if name not in log.samples],
         "damage": _damage(reader),
         "notes": pause_lines({name: stamps.found for name, stamps in log.stamps.items()}),

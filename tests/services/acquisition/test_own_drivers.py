@@ -147,3 +147,21 @@ def test_a_name_of_lacet_s_own_is_refused(car):
     (car / "rig.toml").write_text(BLOCKS["rig.toml"].replace("draw_wire", "igel"))
     with pytest.raises(UsageError, match=r"igel.py: 'igel' is a driver of lacet's; give yours another name"):
         own_drivers(Rig.load(car / "rig.toml"), trust=True)
+
+
+def test_a_driver_that_fails_ends_its_own_sensor_and_nothing_else(car, capsys):
+    """The file is written; with the driver corrected all is decoded again."""
+    file = car / "drivers/draw_wire.py"
+    good = file.read_text()
+    file.write_text(good.replace("        found = {}\n", "        found = {}\n        frames.no_such_name\n"))
+    code, *_ = decoded(car, "--trust", "--json", str(car / "out.json"))
+    said = capsys.readouterr().out
+    assert code == 3
+    assert "sensor draw-wires: its driver failed and decoded nothing more: AttributeError" in said
+    line = 1 + file.read_text().splitlines().index("        frames.no_such_name")
+    assert f"(draw_wire.py, line {line})" in said
+    failures = json.loads((car / "out.json").read_text())["failures"]
+    assert list(failures) == ["draw-wires"]
+    file.write_text(good)
+    assert decoded(car, "--trust")[0] == 3
+    assert "its driver failed" not in capsys.readouterr().out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,7 +15,9 @@ from lacet.daq.blocks import Block, Flag
 from lacet.daq.channels import CHANNELS
 from lacet.daq.formats.events import EventKind
 from lacet.daq.formats.log import LogReader, LogWriter, StartRecord
+from lacet.daq.frames import Frames
 from lacet.daq.rig import Rig
+from lacet.drivers import open_driver
 from lacet.services.acquisition.recorder import Health, Recorder
 from lacet.services.acquisition.sensor_monitor import SensorMonitor, SensorState, Watched
 from lacet.services.acquisition.stream_decoder import Decoder
@@ -283,3 +286,28 @@ def test_the_states_are_in_the_log_the_ledger_and_the_live_line(tmp_path: Path):
     # What babbles is recorded whole.
     assert summary.frames == {"can0": wire.sent}
     assert summary.samples["correvit.speed"] == wire.sent
+
+
+def test_a_driver_that_fails_ends_its_own_sensor_and_not_the_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Anybody may have written it: all frames are stored, and what other drivers decode of the same bus."""
+    rig, told, wire = Rig.parse(RIG), list[str](), CorrevitWire()
+    batches = itertools.count()
+
+    def fails(self: object, frames: Frames, state: object) -> tuple[list[Block], object]:
+        if next(batches) == 3:
+            raise KeyError("a frame that nobody thought of")
+        return [], state
+
+    monkeypatch.setattr(type(open_driver("lasers", "can0")), "decode", fails)
+    log = LogWriter(tmp_path / "run.mcap", StartRecord("r", T0, "", rig.text))
+    summary = Recorder([wire], Decoder(rig), log, notify=told.append).run(Event(), duration=1.0)
+    assert summary.frames == {"can0": wire.sent}
+    assert summary.samples["correvit.speed"] == wire.sent
+    assert 0 < summary.losses["can0"]["driver_failed"] < wire.sent
+    said = [line for line in told if "driver failed" in line]
+    assert said == [line for line in said if line.startswith("sensor lasers: its driver failed: KeyError: 'a frame")]
+    assert len(said) == 1
+    states = [(one.name, one.state) for one in LogReader(tmp_path / "run.mcap").events() if one.state == "failed"]
+    assert states == [("lasers", "failed")]
