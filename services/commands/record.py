@@ -46,7 +46,7 @@ from lacet.services.acquisition.transports.endpoints import (
 from lacet.services.commands.bus_options import add_keys, credentials_of, link_of, router_of
 from lacet.services.commands.mark_key import marks_by_key
 from lacet.services.commands.progress import Line
-from lacet.services.render.live_line import live_text, lost_text
+from lacet.services.render.live_line import doubtful_counter_text, live_text, lost_text
 
 HELP = "record an instrumented car: log, decode, publish"
 DESCRIPTION = """\
@@ -270,7 +270,9 @@ def _ready(args: argparse.Namespace) -> None:
 def _closing(summary: Summary) -> str:
     lost = lost_text(summary.losses)
     frames = ", ".join(f"{name} {number}" for name, number in summary.frames.items())
-    return f"{summary.reason}. Frames: {frames or 'none'}. {'LOST: ' + lost if lost else 'Nothing was lost.'}"
+    doubt = doubtful_counter_text(summary.losses, summary.frames)
+    said = f"{summary.reason}. Frames: {frames or 'none'}. {'LOST: ' + lost if lost else 'Nothing was lost.'}"
+    return f"{said}. {doubt}" if doubt else said
 
 
 def _software() -> str:

@@ -57,3 +57,17 @@ def lost_text(losses: dict[str, dict[str, int]]) -> str:
         else ", ".join(f"{source} {cause} {number}" for source, number in sources.items())
         for cause, sources in causes.items()
     )
+
+
+def doubtful_counter_text(losses: dict[str, dict[str, int]], frames: dict[str, int]) -> str:
+    """What to look at where more frames of a bus count as lost than came; empty without such a bus.
+
+    A broken cable loses all frames and not every other one.
+    """
+    buses = [source for source, causes in losses.items() if causes.get("lost", 0) > frames.get(source, 0) > 0]
+    if not buses:
+        return ""
+    return (
+        f"Of {', '.join(buses)} more frames count as lost than came: two senders may share an identifier, or what the rig "
+        "calls a counter is none."
+    )

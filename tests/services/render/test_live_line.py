@@ -11,7 +11,7 @@ from lacet.services.acquisition.bus_load import BusLoad, wire_bits
 from lacet.services.acquisition.host_clock import describe_synchronisation, short_synchronisation
 from lacet.services.acquisition.recorder import Health
 from lacet.services.acquisition.sensor_monitor import SensorState, SensorStatus
-from lacet.services.render.live_line import COLUMNS, live_text
+from lacet.services.render.live_line import COLUMNS, doubtful_counter_text, live_text
 
 RIG = Rig.load("peugeot-406")
 
@@ -89,3 +89,10 @@ def test_the_load_of_a_second():
     assert meter.take(1.0) == {}
     serial = Frames("s", np.zeros(1, np.int64), np.zeros(1, np.uint32), np.array([0, 46]), np.zeros(46, np.uint8))
     assert wire_bits(Bus("s", "serial", baud=115_200), serial) == 460
+
+
+def test_more_frames_lost_than_came_are_no_broken_cable() -> None:
+    losses = {"can0": {"lost": 831}, "can1": {"lost": 4}, "serial0": {"lost": 1}}
+    said = doubtful_counter_text(losses, {"can0": 200, "can1": 5})
+    assert said.startswith("Of can0 more frames count as lost than came: two senders")
+    assert doubtful_counter_text(losses, {"can0": 900, "can1": 5}) == ""
