@@ -108,6 +108,12 @@ def position_table(found: Sequence[AxisPosition]) -> str:
     return _with_verdicts(["axis", "rig mm", "found mm", "95 %", "verdict"], rows)
 
 
+_EITHER = (
+    "A place of the unit is one beside the speed sensor: where the car's equations find the unit where the rig says, the "
+    "speed sensor is elsewhere, as far the other way."
+)
+
+
 def agreement_text(found: Sequence[Mapping[str, Any]] | None) -> str:
     """Faults that inertial unit and speed sensor show by themselves, from the check's result."""
     if found is None:
@@ -124,7 +130,8 @@ def agreement_text(found: Sequence[Mapping[str, Any]] | None) -> str:
         ]
         for one in found
     ]  # fmt: skip
-    return _with_verdicts(["fault", "found", "95 %", "verdict"], rows)
+    said = _with_verdicts(["fault", "found", "95 %", "verdict"], rows)
+    return f"{said}\n{_EITHER}" if any(one["effect"].startswith("sensor_position.imu") for one in found) else said
 
 
 def _with_verdicts(head: list[str], rows: list[list[str]], text_columns: int = 1) -> str:

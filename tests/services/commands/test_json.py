@@ -220,7 +220,9 @@ def test_check_names_a_unit_elsewhere_by_the_speed_sensor_alone(tmp_path: Path, 
     (found,) = conforms(file, "check")["agreement"]
     assert (found["effect"], found["unit"]) == ("sensor_position.imu.x", "m")
     assert abs(found["value"] - 0.3) < 1.5 * found["half95"] < 0.15
-    assert "sensor_position.imu.x" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "sensor_position.imu.x" in said
+    assert "the speed sensor is elsewhere, as far the other way" in said
     written(without(driven, "correvit.speed"), run)
     assert main([*command, "--json", str(file)]) == 0
     assert conforms(file, "check")["agreement"] is None
