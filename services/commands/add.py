@@ -12,7 +12,7 @@ from lacet.daq.formats.result import DONE, write_result
 from lacet.identify.effects.catalogue import find_effect
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
-from lacet.services.render.intervals import with_interval
+from lacet.services.render.intervals import half_width, with_interval
 from lacet.services.render.shape_constants import readable
 from lacet.services.render.verdicts import print_change
 from lacet.services.workspace.session import Session
@@ -64,7 +64,8 @@ def run(args: argparse.Namespace) -> int:
     names = {p.name for p in effect.parameters}
     for p in after.result["parameters"]:
         if p["name"] in names:
-            print(f"  {p['name']} = {with_interval(p['value'], p['half95'])} {p['unit']}")
+            size = f"{with_interval(p['value'], p['half95_sheet'])} {p['unit']}"
+            print(f"  {p['name']} = {size} (95 %, with sheet; of noise alone ± {half_width(p['half95'])})")
     for name, constant in after.effects[key].items():
         value, unit = readable(effect, name, constant)
         print(f"  {key}.{name} = {value:.3g} {unit}".rstrip() + ("" if shape else ", as these runs show it"))

@@ -109,6 +109,7 @@ def _read(study: Study, text: str, only_try: bool) -> dict[str, Any]:
     if not only_try:
         replaced = put(study, cls, stored)
         print(f"\n{'Replaced' if replaced else 'Kept'} in {own_folder(study)}. Rank it: lacet diagnose {study.folder}")
+        print(f"Or add a variant: lacet add {study.folder} {acts[0]['effect']}")
     return {**found, "line": stored, "kept": not only_try, "tried": acts}
 
 
