@@ -1,7 +1,7 @@
 """A channel's own sample rate, where its table has more rows than it has samples.
 
-A table of several instruments has the stamps of the fastest; a slower one has empty cells between its samples. These
-are no lost samples: interpolated over them, its noise would be that of a faster instrument.
+A table of several instruments has the stamps of all: one has empty cells where another alone was sampled. These are no
+lost samples: interpolated over them, a slower instrument's noise would be that of a faster one.
 """
 
 from __future__ import annotations
@@ -12,28 +12,26 @@ from lacet.daq.blocks import Flag
 from lacet.daq.pauses import longest_step
 from lacet.daq.run import Signal
 
-_SLOWER = 1.5
-"""Usual step between filled cells ÷ that between rows, from which a channel is slower than its table: between one row
-and two."""
 _EVEN = (0.6, 1.6)
-"""Steps ÷ the usual one of a channel that is slower, and not one that lost samples: 100 Hz in a table of 250 Hz has
-steps of two and three rows."""
+"""Steps ÷ the usual one between samples of which none is lost: 100 Hz in a table of 250 Hz has steps of two and three
+rows."""
 _NEARLY_ALL = 0.9
-"""Part of a channel's steps that are so even, at least. Source: a choice; the rest are losses of the slower channel,
-while of cells that are empty by chance, three in five, four in ten steps are even."""
+"""Part of a channel's steps that are so even, at least. Source: a choice; the rest are losses of the channel, while of
+cells that are empty by chance, three in five, four in ten steps are even."""
+_MOST = 0.5
+"""Part of the empty cells that lie within such a step, at least: of lost samples none does. Source: the larger part."""
 
 
 def at_own_rate(signal: Signal) -> Signal:
-    """The signal without the empty cells between the samples of a channel slower than its table."""
+    """The signal without the empty cells between its samples, in a table that has the stamps of other channels, too."""
     filled = (signal.flags & int(Flag.MISSING)) == 0
     if filled.all() or np.count_nonzero(filled) < 2:
         return signal
     steps = np.diff(signal.t[filled])
     usual = float(np.median(steps))
-    if usual < _SLOWER * float(np.median(np.diff(signal.t))):
-        return signal
     even = (steps >= _EVEN[0] * usual) & (steps <= _EVEN[1] * usual)
-    if float(np.mean(even)) < _NEARLY_ALL:
+    empty = np.diff(np.flatnonzero(filled)) - 1
+    if float(np.mean(even)) < _NEARLY_ALL or np.sum(empty[even]) < _MOST * np.sum(empty) or not np.any(empty):
         return signal
     return Signal(signal.t[filled], signal.values[filled], signal.flags[filled])
 

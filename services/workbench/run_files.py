@@ -23,6 +23,7 @@ from lacet.daq.formats.run_files import first_files
 from lacet.daq.maps.mapped_run import map_beside
 from lacet.daq.run import Run
 from lacet.identify.car.rows import ROWS, lacking
+from lacet.identify.signals.own_rate import at_own_rate
 from lacet.services.render.row_needs import rows_lacking
 from lacet.services.workbench.jobs import give_back
 from lacet.services.workbench.run_channels import RunChannels, state_key
@@ -274,7 +275,7 @@ def _hash(run: Run) -> str:
 
 
 def _channel(name: str, run: Run) -> dict[str, Any]:
-    s, about = run.signals[name], CHANNELS[name]
+    s, about = at_own_rate(run.signals[name]), CHANNELS[name]
     rate = (len(s.t) - 1) / (s.t[-1] - s.t[0]) if len(s.t) > 1 else 0.0
     return {
         "name": name, "components": list(about.components), "unit": about.unit, "rate": float(rate),

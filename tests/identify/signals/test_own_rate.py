@@ -60,6 +60,18 @@ def test_cells_that_are_empty_in_turn_are_no_samples(every: float) -> None:
     assert sample_rate(found) == pytest.approx(250.0 / every, rel=0.01)
 
 
+def test_the_fastest_channel_of_a_table_with_the_stamps_of_all_keeps_its_losses() -> None:
+    """Rows at which a slower instrument alone was sampled are none of its own; 20 lost samples are."""
+    own, other = np.arange(0, 2000, 2), np.arange(0, 2000, 5)
+    stamps = np.union1d(own, other)
+    values = np.where(np.isin(stamps, own), 1.0, np.nan)
+    found = at_own_rate(signal_of("laser.fl.hub", stamps / 1000.0, values[:, None]))
+    np.testing.assert_allclose(found.t, own / 1000.0)
+    values[np.flatnonzero(np.isin(stamps, own))[50:70]] = np.nan
+    found = at_own_rate(signal_of("laser.fl.hub", stamps / 1000.0, values[:, None]))
+    np.testing.assert_allclose(found.t, np.delete(own, np.s_[50:70]) / 1000.0)
+
+
 def test_a_slower_channel_keeps_its_losses_and_flags() -> None:
     whole = series()
     filled = np.arange(1000) % 2 == 0

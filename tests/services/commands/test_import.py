@@ -122,6 +122,21 @@ def test_the_workbench_shows_a_raw_bus_log_beside_a_map(tmp_path: Path) -> None:
     assert len(summary(log, RunChannels(tmp_path))["channel_list"]) == 2
 
 
+def test_the_workbench_counts_no_empty_cells_between_samples(tmp_path: Path) -> None:
+    """A table with the stamps of two instruments, neither of them at all."""
+    from lacet.services.workbench.run_channels import RunChannels
+    from lacet.services.workbench.run_files import summary
+
+    ms = [t for t in range(2000) if t % 2 == 0 or t % 5 == 0]
+    lines = [f"{t / 1000},{'' if t % 2 else 1.0},{'' if t % 5 else 20.0}" for t in ms]
+    table = tmp_path / "run.csv"
+    table.write_text("\n".join(["t,car.yaw_rate,car.speed", *lines]) + "\n")
+    found = summary(table, RunChannels(tmp_path))
+    rates = {one["name"]: (one["samples"], one["flagged"], round(one["rate"])) for one in found["channel_list"]}
+    assert rates == {"car.yaw_rate": (1000, 0, 500), "car.speed": (400, 0, 200)}
+    assert not any("cannot be used" in line for line in found["says"])
+
+
 def test_a_campaign_imports_logs_by_a_map_first(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
