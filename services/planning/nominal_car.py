@@ -22,6 +22,8 @@ CLASS = "peugeot-406"
 """Simulated car whose unsprung parts, scaled by mass, and tyres replace unknown ones."""
 KNOWN = 0.1
 """Largest half-width ÷ size of an identified value that is simulated."""
+WHOLE = ("mass", "cog.x", "cog.y", "cog.z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+"""Values of the whole vehicle."""
 MASS = 1500.0
 GYRATION = (0.41, 0.43, 0.47)
 """Radii of gyration: about x relative to the track, about y and z relative to the wheelbase (within 10 % in the class).
@@ -44,15 +46,37 @@ class PlannedCar:
 
 
 def known_values(vehicle: Vehicle, fitted: Fit | None, reference: str) -> dict[str, float]:
-    """Known values of a car by name: identified ones, else those of the vehicle file's ``[apriori]``."""
+    """Known values of a car by name: identified ones, else those of the vehicle file's ``[apriori]``.
+
+    Values of the whole vehicle that hub loads give lack what is outboard of the dynamometers: the file's come first, and
+    where it has none the wheels are added.
+    """
     out = {name: quantity.value for name, quantity in vehicle.apriori.items()}
-    if fitted is not None:
-        whole = ("mass", "cog.x", "cog.y", "cog.z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
-        for q in quantities(fitted, vehicle).values():
-            # Whole-vehicle values from hub loads lack the wheels: the file's are closer.
-            if q.half < KNOWN * q.size and (reference == "contact" or q.name not in whole):
-                out[q.name] = q.value
-    return out
+    if fitted is None:
+        return out
+    found = {q.name: q.value for q in quantities(fitted, vehicle).values() if q.half < KNOWN * q.size}
+    whole = {name: found.pop(name) for name in WHOLE if name in found}
+    out |= found
+    return out | whole if reference == "contact" else {**_with_wheels(whole, vehicle, found), **out}
+
+
+def _with_wheels(whole: Mapping[str, float], vehicle: Vehicle, found: Mapping[str, float]) -> dict[str, float]:
+    """The values known of a vehicle without its wheels, with them; their mass is identified, or that of the class."""
+    if not {"mass", "cog.x"} <= set(whole):
+        return {}
+    like, get = find_car(CLASS), {"cog.z": HEIGHT, **whole}.get
+    tensor = np.array([[get(f"I{min(a, b)}{max(a, b)}", 0.0) for b in "xyz"] for a in "xyz"])
+    total = Inertia.of(whole["mass"], np.array([get(f"cog.{a}", 0.0) for a in "xyz"]), tensor)
+    for name, corner in vehicle.corners.items():
+        axle = like.front if name.startswith("f") else like.rear
+        mass = found.get(f"outboard_mass.{name}.m", axle.outboard_mass * whole["mass"] / like.total.mass)
+        turns = np.diag([axle.outboard_transverse, axle.outboard_spin, axle.outboard_transverse])
+        total += Inertia.of(mass, np.array(corner.position), turns * mass / axle.outboard_mass)
+    values = {"mass": total.mass} | {f"cog.{a}": value for a, value in zip("xyz", total.com, strict=True)}
+    values |= {
+        f"I{a}{b}": total.tensor["xyz".index(a)]["xyz".index(b)] for a, b in ("xx", "yy", "zz", "xy", "xz", "yz")
+    }
+    return {name: value for name, value in values.items() if name in whole}
 
 
 def planned_car(vehicle: Vehicle, known: Mapping[str, float]) -> PlannedCar:

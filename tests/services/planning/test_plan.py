@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,11 +15,16 @@ from hypothesis import strategies as st
 from lacet.daq.errors import UsageError
 from lacet.daq.toml_reader import Quantity
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.effects.catalogue import catalogue
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.regression.wls import fit
 from lacet.services.commands.__main__ import main
 from lacet.services.planning.manoeuvre_library import KMH, LOCK, Limits, kinds, library, steering
 from lacet.services.planning.nominal_car import known_values, planned_car
 from lacet.simulate import MANOEUVRES, find_car
 from lacet.simulate.vehicle_file import vehicle_text
+from tests.identify import cars
 from tests.services.commands.test_json import conforms
 from tests.support.foreign_logs import MAP_HEAD, foreign, write_csv
 from tests.support.tables import FILES, piece, written
@@ -99,6 +105,27 @@ def test_values_of_the_fit_come_before_those_of_the_file():
     vehicle = replace(vehicle, apriori={"mass": Quantity(1300.0, "kg", "scales")})
     assert known_values(vehicle, None, "contact") == {"mass": 1300.0}
     assert planned_car(vehicle, known_values(vehicle, None, "contact")).car.total.mass == 1300.0
+
+
+def test_a_car_known_from_hub_loads_is_planned_with_its_wheels():
+    """What the file says comes first; else what is outboard of the dynamometers is added to what they carry."""
+    vehicle, rig = cars.reference_car()
+    truth = json.loads((cars.CAR / "truth.json").read_text(encoding="utf-8"))
+    inboard, wheel = truth["inboard_at_design"], truth["wheel_rim_and_tyre"]["mass"]
+    runs = [PreparedRun.of(cars.piece(name, 2.0, 16.0), vehicle, rig) for name in ("sine", "rough")]
+    effects = catalogue(vehicle, "hub")
+    bars = (effects["anti_roll_bar.front"], effects["anti_roll_bar.rear"])
+    fitted = fit(Model.of((*(e for e in effects.values() if e.base), *bars)), runs)
+    known = known_values(vehicle, fitted, "hub")
+    mass = inboard["mass_kg"] + 4 * wheel
+    x = (inboard["mass_kg"] * inboard["cog_m"][0] + wheel * sum(c.position[0] for c in vehicle.corners.values())) / mass
+    assert known["mass"] == pytest.approx(mass, rel=0.005)
+    assert known["cog.x"] == pytest.approx(x, abs=0.01)
+    arms = [sum((np.array(c.position) - [x, 0.0, 0.0])[[0, 1]] ** 2) for c in vehicle.corners.values()]
+    assert known["Izz"] == pytest.approx(inboard["inertia_about_cog_kg_m2"][2][2] + wheel * sum(arms), rel=0.02)
+    assert not {"mass", "cog.x"} & {text.partition(" ")[0] for text in planned_car(vehicle, known).assumed}
+    weighed = replace(vehicle, apriori={"mass": Quantity(1500.0, "kg", "scales")})
+    assert known_values(weighed, fitted, "hub")["mass"] == 1500.0
 
 
 def test_before_the_first_run_and_again_from_what_was_kept(
