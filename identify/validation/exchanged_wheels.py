@@ -1,23 +1,73 @@
-"""Wheels of a run whose wires seem exchanged: their loads follow other wheels' tyres."""
+"""Wheels of a run whose wires seem exchanged: their loads follow other wheels' tyres.
+
+Loads and lasers are exchanged alike then. The chassis rows, which need no laser to hold, show which of them it is: they
+hold better with the loads where they belong.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import Enum, auto
 from functools import reduce
 from itertools import permutations
 
 import numpy as np
 
+from lacet.daq.run import Run
 from lacet.identify.car.rows import TYRE_ROWS
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import decimate
+from lacet.identify.validation.channels.fault_columns import FaultColumns
 
 _CLEAR = 0.5
 """Part of the misfit that another assignment of wheels to corners may leave at most to be reported."""
 _FOLLOWS = 0.25
 """Part of a wheel load's variance unexplained by its tyre deflection, above which exchanged wheels are not looked for.
 """
+
+
+class Wires(Enum):
+    """Instruments at a wheel whose wires are exchanged with another's."""
+
+    LOADS = auto()
+    DISTANCES = auto()
+    EITHER = auto()
+
+
+@dataclass(frozen=True)
+class ExchangedWires:
+    """Wheels whose loads follow the tyre deflections of other corners, as wheel → corner, and what is exchanged."""
+
+    followed: Mapping[str, str]
+    wires: Wires
+
+    def left_out(self, channel: str) -> bool:
+        """Whether a channel is one of the exchanged instruments'; loads where it may be either."""
+        kind, _, rest = channel.partition(".")
+        kinds = ("laser", "suspension", "damper") if self.wires is Wires.DISTANCES else ("wheel",)
+        return kind in kinds and rest.split(".")[0] in self.followed
+
+
+def exchanged_wires(run: Run, prepared: PreparedRun) -> ExchangedWires | None:
+    """The exchanged wires of a run, prepared from `run`; None where there are none."""
+    followed, recording = exchanged_wheels(prepared), prepared.recording
+    if not followed:
+        return None
+    if not any(row.kind == "chassis" for row in prepared.rows):
+        return ExchangedWires(followed, Wires.EITHER)
+    signals = {_moved(name, followed): signal for name, signal in run.signals.items()}
+    mended = PreparedRun.of(replace(run, signals=signals), recording.vehicle, recording.rig, recording.filters)
+    own, other = (FaultColumns.of_chassis(one).misfit for one in (prepared, mended))
+    return ExchangedWires(followed, Wires.LOADS if other < own else Wires.DISTANCES)
+
+
+def _moved(channel: str, followed: Mapping[str, str]) -> str:
+    """The channel that a load's would have at the corner whose tyre it follows."""
+    kind, _, rest = channel.partition(".")
+    corner, _, quantity = rest.partition(".")
+    return f"{kind}.{followed[corner]}.{quantity}" if kind == "wheel" and corner in followed else channel
 
 
 def exchanged_wheels(run: PreparedRun) -> Mapping[str, str]:

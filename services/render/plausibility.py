@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from lacet.daq.channels import CHANNELS
 from lacet.identify.validation.clocks import ClockDifference
+from lacet.identify.validation.exchanged_wheels import ExchangedWires, Wires
 from lacet.identify.validation.plausibility import Doubt, Symptom
 
 
@@ -109,6 +110,25 @@ def _compared(doubt: Doubt) -> str:
             return f"the car turns {doubt.value:.2g} times as fast as its camera steer says: is steer in {doubt.guess}?"
         case _:
             raise AssertionError(doubt.symptom)
+
+
+def of_wires(found: ExchangedWires) -> str:
+    """Sentence of wheels whose loads follow other wheels' tyres: what is exchanged, and the remedy."""
+    pairs = ", ".join(f"the loads of {wheel} follow the tyre at {corner}" for wheel, corner in found.followed.items())
+    mend = "Mend the wires or the order of 'corners' in the rig's {} sensor, and decode the raw log again"
+    match found.wires:
+        case Wires.LOADS:
+            return f"wheels look exchanged ({pairs}). Their loads are left out. {mend.format('wheel')}"
+        case Wires.DISTANCES:
+            return (
+                f"lasers or travels of wheels look exchanged ({pairs}, and the loads move the body as they should). They "
+                f"are left out. {mend.format('laser or travel')}"
+            )
+        case _:
+            return (
+                f"wheels look exchanged ({pairs}), their dynamometers or their lasers. The loads are left out. "
+                f"{mend.format('wheel, or laser,')}"
+            )
 
 
 def _tilting(doubt: Doubt) -> str:

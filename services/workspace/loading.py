@@ -27,7 +27,7 @@ from lacet.identify.validation.channels.recorded_faults import recorded_faults
 from lacet.identify.validation.channels.single_faults import column_faults
 from lacet.identify.validation.channels.unusable_values import without_unusable
 from lacet.identify.validation.clocks import differing_clocks
-from lacet.identify.validation.exchanged_wheels import exchanged_wheels
+from lacet.identify.validation.exchanged_wheels import exchanged_wires
 from lacet.identify.validation.plausibility import doubtful_channels
 from lacet.services.progress import Progress, ServiceStage, ServiceStep
 from lacet.services.render import channels, plausibility, sensor_report
@@ -236,19 +236,10 @@ def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, w
     checked = checked_run(run, vehicle, rig, filters)
     run, drive = checked.run, checked.prepared
     warnings += [f"{run.name}: {said}" for said in checked.doubts]
-    moved = {} if checked.recorded else exchanged_wheels(drive.overview())
-    if moved:
-        pairs = ", ".join(f"the loads of {wheel} follow the tyre at {corner}" for wheel, corner in moved.items())
-        warnings.append(
-            f"{run.name}: wheels look exchanged ({pairs}). Their loads are left out. Mend the wires or the order of "
-            "'corners' in the rig's wheel sensor, and decode the raw log again"
-        )
-        kept = {
-            name: s
-            for name, s in run.signals.items()
-            if name.split(".")[0] != "wheel" or name.split(".")[1] not in moved
-        }
-        run = replace(run, signals=kept)
+    exchanged = None if checked.recorded else exchanged_wires(run, drive)
+    if exchanged is not None:
+        warnings.append(f"{run.name}: {plausibility.of_wires(exchanged)}")
+        run = replace(run, signals={name: s for name, s in run.signals.items() if not exchanged.left_out(name)})
         drive = PreparedRun.of(run, vehicle, drive.recording.rig, filters)
     notes = (*drive.recording.notes, *drive.measured_rows.notes)
     warnings += [f"{run.name}: {note}" for note in run_notes(note for note in notes if note.is_fault)]
@@ -257,12 +248,13 @@ def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, w
             "\n  ".join(
                 [
                     f"{run.name}: no row of the equations can be formed:",
+                    *([plausibility.of_wires(exchanged)] if exchanged else []),
                     no_rows(drive.measured_rows.left_out),
                     *checked.unusable,
                 ]
             )
         )
-    sound = not (checked.doubts or moved)
+    sound = not (checked.doubts or exchanged)
     said = tuple(f"{run.name}: {note}" for note in run_notes(note for note in notes if not note.is_fault))
     return ReadyRun(run, drive, sound, _noise_in_rows(run, drive), said)
 

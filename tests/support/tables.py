@@ -39,11 +39,11 @@ def without(run: Run, *starts: str) -> Run:
     return replace(run, signals={n: s for n, s in run.signals.items() if not n.startswith(starts)})
 
 
-def exchanged(run: Run, one: str, other: str) -> Run:
-    """The run with two wheels' wires exchanged."""
+def exchanged(run: Run, one: str, other: str, sensor: str = "wheel") -> Run:
+    """The run with the wires of two wheels' dynamometers, or lasers, exchanged."""
     signals = dict(run.signals)
-    for what in ("force", "moment", "speed", "angle"):
-        a, b = f"wheel.{one}.{what}", f"wheel.{other}.{what}"
+    for what in ("force", "moment", "speed", "angle") if sensor == "wheel" else ("hub", "ground"):
+        a, b = f"{sensor}.{one}.{what}", f"{sensor}.{other}.{what}"
         signals[a], signals[b] = run.signals[b], run.signals[a]
     return replace(run, signals=signals)
 

@@ -210,6 +210,32 @@ def test_exchanged_wheels_are_told_with_the_remedy_and_the_other_axle_is_identif
     assert not {"suspension.fl", "suspension.fr", "chassis.fz"} & said.scored
 
 
+def test_exchanged_lasers_are_not_taken_for_exchanged_loads(lacet, tmp_path: Path, fitted: Said):
+    """The loads move the body as they should."""
+    lasers = exchanged(piece(), "fl", "fr", "laser")
+    said = lacet("identify", written(lasers, tmp_path / "run.parquet"), *FILES)
+    assert said.code == 3
+    assert "lasers or travels of wheels look exchanged (the loads of fl follow the tyre at fr" in said.text
+    assert "Their loads are left out" not in said.text
+    assert "chassis.fz" in said.scored
+    alike(said, fitted)
+
+
+def test_without_chassis_rows_exchanged_wheels_may_be_either(lacet, tmp_path: Path):
+    front = without(exchanged(piece(), "fl", "fr"), "wheel.rl.force")
+    said = lacet("identify", written(front, tmp_path / "run.parquet"), *FILES)
+    assert said.code == 3
+    assert "their dynamometers or their lasers. The loads are left out" in said.text
+
+
+def test_where_the_wheels_of_both_axles_are_exchanged_the_refusal_says_so(lacet, tmp_path: Path):
+    wrong = exchanged(exchanged(piece(), "fl", "fr"), "rl", "rr")
+    said = lacet("identify", written(wrong, tmp_path / "run.parquet"), *FILES)
+    assert said.code == 3
+    assert "no row of the equations can be formed" in said.text
+    assert "the loads of rl follow the tyre at rr, the loads of rr follow the tyre at rl" in said.text
+
+
 @pytest.mark.parametrize("step", [7.3, -3.0])
 def test_a_time_that_jumps_is_flagged_and_does_no_harm(lacet, tmp_path: Path, fitted: Said, sound: Path, step: float):
     table = pq.read_table(sound)
