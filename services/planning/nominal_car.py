@@ -48,8 +48,8 @@ class PlannedCar:
 def known_values(vehicle: Vehicle, fitted: Fit | None, reference: str) -> dict[str, float]:
     """Known values of a car by name: identified ones, else those of the vehicle file's ``[apriori]``.
 
-    Values of the whole vehicle that hub loads give lack what is outboard of the dynamometers: the file's come first, and
-    where it has none the wheels are added.
+    Values of the whole vehicle that hub loads give lack what is outboard of the dynamometers: the file's come first,
+    and where it has none the wheels are added.
     """
     out = {name: quantity.value for name, quantity in vehicle.apriori.items()}
     if fitted is None:

@@ -68,6 +68,6 @@ def doubtful_counter_text(losses: dict[str, dict[str, int]], frames: dict[str, i
     if not buses:
         return ""
     return (
-        f"Of {', '.join(buses)} more frames count as lost than came: two senders may share an identifier, or what the rig "
-        "calls a counter is none."
+        f"Of {', '.join(buses)} more frames count as lost than came: two senders may share an identifier, or what the "
+        "rig calls a counter is none."
     )

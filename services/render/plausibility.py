@@ -121,8 +121,8 @@ def of_wires(found: ExchangedWires) -> str:
             return f"wheels look exchanged ({pairs}). Their loads are left out. {mend.format('wheel')}"
         case Wires.DISTANCES:
             return (
-                f"lasers or travels of wheels look exchanged ({pairs}, and the loads move the body as they should). They "
-                f"are left out. {mend.format('laser or travel')}"
+                f"lasers or travels of wheels look exchanged ({pairs}, and the loads move the body as they should). "
+                f"They are left out. {mend.format('laser or travel')}"
             )
         case _:
             return (

@@ -109,8 +109,8 @@ def position_table(found: Sequence[AxisPosition]) -> str:
 
 
 _EITHER = (
-    "A place of the unit is one beside the speed sensor: where the car's equations find the unit where the rig says, the "
-    "speed sensor is elsewhere, as far the other way."
+    "A place of the unit is one beside the speed sensor: where the car's equations find the unit where the rig says, "
+    "the speed sensor is elsewhere, as far the other way."
 )
 
 
