@@ -17,6 +17,7 @@ from lacet.services.render import tables
 from lacet.services.render.implausible_values import implausible_text
 from lacet.services.render.known_scale import weak_scale
 from lacet.services.render.little_shown import little_shown_lines
+from lacet.services.render.rows import failing_in_one_run
 from lacet.services.render.separation_report import hint, next_text
 from lacet.services.render.verdicts import print_change, print_diagnosis
 from lacet.services.workspace.results import diagnosis_result
@@ -81,7 +82,12 @@ def run(args: argparse.Namespace) -> int:
         for warning in session.runs.loaded.sheet:
             print(f"! {warning}")
     present = session.study.version().result
-    for doubt in (*little_shown_lines(present), *filter(None, (implausible_text(present), weak_scale(present)))):
+    explained = (*result["small_rows"], *result["unlisted_rows"])
+    missed = "" if result["found"] else failing_in_one_run(present["rows"]["used"], explained)
+    for doubt in (
+        *little_shown_lines(present),
+        *filter(None, (implausible_text(present), weak_scale(present), missed)),
+    ):
         print(f"! {doubt}")
     if args.auto:
         print(tables.history(session.study.versions()))

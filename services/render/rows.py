@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from lacet.identify.car.motion import BrakingLeftOut, FlatRoad, GroundLaserOffset
@@ -10,7 +10,7 @@ from lacet.identify.car.rows import ROWS, Absence, Row, RowAbsence
 from lacet.identify.car.sources.completion import SteeringAngleUnused
 from lacet.identify.signals.reconstruct import FewSamples, FewUsableSamples, Gaps, RunNote
 from lacet.identify.validation.explainable_residual import ExplainableResidual
-from lacet.identify.validation.score import FAILS, RowScore, fails, row_errors
+from lacet.identify.validation.score import FAILS, RowScore, fails, row_errors, row_ratios
 from lacet.identify.validation.whiteness import Colour
 
 _MOST_INTERVALS = 3
@@ -195,6 +195,27 @@ def error_summary(used: Mapping[str, Mapping[str, Any]], held: Mapping[str, Mapp
             }
         )  # fmt: skip
     return sorted(out, key=lambda one: ROWS.index(Row.parse(one["row"])))
+
+
+def failing_in_one_run(runs: Mapping[str, Mapping[str, Any]], explained: Collection[str]) -> str:
+    """The row farthest above its floor in a single run, where it fails there and not over all runs; else empty.
+
+    `runs` : run → row → its score, as stored; `explained` : rows of which something is said elsewhere.
+    """
+    over_all = row_ratios(runs)
+    found = [
+        (score["ratio"], run, row, score["colour"])
+        for run, scores in runs.items()
+        for row, score in scores.items()
+        if fails(score["ratio"]) and score["judged"] and not fails(over_all[row]) and row not in explained
+    ]
+    if len(runs) < 2 or not found:
+        return ""
+    ratio, run, row, colour = max(found)
+    return (
+        f"in {run} alone {row} is at {ratio:.2f} of its floor ({colour}), over all runs at {over_all[row]:.2f}: too "
+        "little for its cause to be found here; lacet compare draws it"
+    )
 
 
 def with_verdict(score: Mapping[str, Any]) -> dict[str, Any]:
