@@ -24,6 +24,7 @@ from lacet.services.render import tables
 from lacet.services.render.consistency_report import consistency_text, left_open
 from lacet.services.render.identifiability import not_derived_lines
 from lacet.services.render.implausible_values import implausible_text
+from lacet.services.render.known_beforehand import beforehand_table
 from lacet.services.render.known_scale import weak_scale
 from lacet.services.render.little_shown import little_shown_lines
 from lacet.services.render.row_sources import assumptions_table, sources_table
@@ -136,6 +137,8 @@ def run(args: argparse.Namespace) -> int:
     print(f"{loaded.vehicle.name}, {len(loaded.prepared)} run{many}, {loaded.reference} wheel loads\n")
     print(tables.parameters(result))
     print("95 %: noise and zeros, residuals correlated. With sheet: gains and latencies of the sensor sheet as well.")
+    if known := beforehand_table(loaded.vehicle.apriori, result):
+        print(f"\n{known.text}")
     if values := tables.derived(result):
         print(f"\n{values}")
     if lacking := not_derived_lines(result):
