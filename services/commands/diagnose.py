@@ -19,7 +19,7 @@ from lacet.services.render.known_scale import weak_scale
 from lacet.services.render.little_shown import little_shown_lines
 from lacet.services.render.rows import failing_in_one_run
 from lacet.services.render.separation_report import hint, next_text
-from lacet.services.render.verdicts import print_change, print_diagnosis
+from lacet.services.render.verdicts import print_change, print_diagnosis, simple_laws
 from lacet.services.workspace.results import diagnosis_result
 from lacet.services.workspace.session import MOST_EFFECTS, Session
 from lacet.services.workspace.study import Study
@@ -110,5 +110,5 @@ def _next(args: argparse.Namespace, session: Session, diagnosis: Diagnosis) -> d
 
 
 def _hint(diagnosis: Diagnosis, study: Study) -> str:
-    laws = [formula.of_one_term.text for formula in diagnosis.formulas]
-    return hint(bool(tied(diagnosis)), bool(untestable(diagnosis)), diagnosis.unlisted, laws, study.folder)
+    many = bool(tied(diagnosis)), bool(untestable(diagnosis))
+    return hint(*many, diagnosis.unlisted, simple_laws(diagnosis), study.folder)

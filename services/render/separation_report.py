@@ -101,8 +101,9 @@ def hint(tied: bool, untestable: bool, unlisted: bool, laws: Sequence[str], fold
 def _at_all_places(laws: Sequence[str]) -> str:
     """The first law; at both axles, without a place, where another is the same at the other one."""
     place, _, law = laws[0].partition(": ")
-    both = any(other.partition(": ")[2] == law for other in laws[1:])
-    return f"{place.partition('.')[0]}: {law}" if both else laws[0]
+    kind = place.partition(".")[0]
+    both = any(other.startswith(f"{kind}.") and other.partition(": ")[2] == law for other in laws[1:])
+    return f"{kind}: {law}" if both and kind != "chassis" else laws[0]
 
 
 def _names(keys: Sequence[str]) -> str:

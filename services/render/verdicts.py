@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from lacet.identify.effects.base import Effect
-from lacet.identify.selection.candidate import Reason, is_significant
+from lacet.identify.selection.candidate import Candidate, Reason, is_significant
 from lacet.identify.selection.chow_test import ParameterConstancy
 from lacet.identify.selection.diagnosis import Diagnosis, Grounds
 from lacet.identify.selection.laws.formulas import Formula, Law
@@ -36,6 +36,12 @@ from lacet.services.render.known_scale import weak_because
 from lacet.services.render.row_needs import shortened
 
 K = TypeVar("K")
+_TRAVEL_ALONE = frozenset({"spring_quadratic", "spring_cubic", "helper_spring", "bump_stop", "rebound_stop"})
+"""Families of laws of a spring: they follow the travel alone."""
+_PARTS = 3
+"""Laws of one spring, from which it is said that they are [count]. Source: a choice; a progressive spring with a stop
+has two."""
+_AIR_SPRING = "air = suspension: f*((h/(h - travel))**1.3 - 1), h = 0.1 0.15 0.2 m"
 _MOST = 0.5
 """Part of the error above which an effect explains most of it."""
 
@@ -44,7 +50,7 @@ def says(d: Diagnosis) -> str:
     """The verdict of a diagnosis in plain sentences with numbers."""
     if d.found:
         text = _missing(d) if len(d.found) == 1 else _several(d)
-        return f"{text}{_without_tables(d)}{_remaining(d)}{_in_part(d)}{_small(d)}{_maybe(d)}"
+        return f"{text}{_one_spring(d)}{_without_tables(d)}{_remaining(d)}{_in_part(d)}{_small(d)}{_maybe(d)}"
     if d.unlisted:
         return f"{_unlisted(d)}{_without_tables(d)}{_in_part(d)}{_maybe(d)}"
     return _nothing(d)
@@ -91,6 +97,24 @@ def _several(d: Diagnosis) -> str:
     together = f": added together{share}" if d.failing else ""
     sized = f" Their sizes, from a fit with all of them (95 %, tolerances of the sensors included): {each}."
     return f"{', '.join(first)} and {last} are missing{as_one}{together}.{sized if each else ''}{_open_sizes(d)}{tied}"
+
+
+def _one_spring(d: Diagnosis) -> str:
+    """That several laws of the travel alone at one place are parts of one spring; empty where they are not."""
+    places = dict.fromkeys(d.effects[c.key].where for c in d.found)
+    together = [[c.key for c in d.found if d.effects[c.key].where == place and _of_travel(d, c)] for place in places]
+    parts = [keys for keys in together if len(keys) >= _PARTS]
+    if not parts:
+        return ""
+    named = "; ".join(", ".join(keys) for keys in parts)
+    return (
+        f" What follows the travel alone at one place is one spring whose rate changes ({named}), each law a part of "
+        f"it: a law of its own may do with fewer, as an air spring's: lacet effect DIR '{_AIR_SPRING}'."
+    )
+
+
+def _of_travel(d: Diagnosis, c: Candidate) -> bool:
+    return d.effects[c.key].name in _TRAVEL_ALONE
 
 
 def _remaining(d: Diagnosis) -> str:
@@ -215,10 +239,25 @@ def _unlisted(d: Diagnosis) -> str:
         f"explains it with a plausible size, beyond chance, and what remains is not noise."
     )
     text += f" {_not_constant(d)}" if grounds.not_constant else ""
-    text += f"{_on_assumptions(d)}{_beyond_plausible(d)}"
+    text += f"{_on_assumptions(d)}{_beyond_plausible(d)}{_from_outside(d)}"
     if not d.formulas:
         return f"{text} No law of the measured states describes it: it may depend on something that is not measured."
     return _with_law(text, d.formulas)
+
+
+def simple_laws(d: Diagnosis) -> list[str]:
+    """The laws of one term that explain most of what is not listed in their rows, largest first."""
+    return [formula.of_one_term.text for formula in d.formulas if formula.of_one_term.explained >= _MOST]
+
+
+def _from_outside(d: Diagnosis) -> str:
+    """What acts on the body alone and follows nothing that is measured; empty where other rows fail, or a law does."""
+    if any(row.kind != "chassis" for row in d.unlisted_rows) or any(f.law.explained >= _MOST for f in d.formulas):
+        return ""
+    return (
+        " Rows of the body alone fail, and no simple law of what is measured explains most of it: wind, a trailer, or "
+        "a mass that moves in the car has a force of that kind."
+    )
 
 
 def _on_assumptions(d: Diagnosis) -> str:

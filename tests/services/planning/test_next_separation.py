@@ -53,6 +53,8 @@ def test_what_is_not_listed_is_looked_for_and_its_law_can_be_kept():
     assert "lacet effect DIR 'found = tyre: p * speed*deflection'" in lines[1]  # at both axles
     for laws in ([law], [law, "tyre.rear: p * deflection"]):
         assert f"'found = {law}'" in hint(False, False, True, laws, "DIR")
+    body = ["chassis.mz: p * vy", "chassis.mx: p * vy"]  # rows of the body are no places of one law
+    assert f"'found = {body[0]}'" in hint(False, False, True, body, "DIR")
     assert lines[2].endswith("--next EFFECT")
     assert hint(False, False, True, [], "DIR").endswith("lacet where DIR")
 

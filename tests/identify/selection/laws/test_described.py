@@ -20,7 +20,7 @@ from lacet.identify.selection.laws.formulas import Formula, Law
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.validation.noise_floor import NoiseFloor
 from lacet.services.render.candidate_reasons import why
-from lacet.services.render.verdicts import says
+from lacet.services.render.verdicts import says, simple_laws
 from tests.identify.exact_car import KNOWN, VEHICLE, driven, exact_with, fit_of
 from tests.identify.selection.exact_ranking import CANDIDATES
 
@@ -68,6 +68,34 @@ def test_where_a_stand_in_leaves_noise_alone_an_unlisted_law_is_said_to_explain_
     assert "And at other places: 'suspension.rear: p * travel**2' (50 %)." in says(other)
     for changed in (replace(other, grounds=found.grounds), replace(other, candidates=found.candidates)):
         assert "in its place hardly more than noise" not in says(changed)
+
+
+def test_what_acts_on_the_body_alone_and_follows_nothing_is_said_to_come_from_outside(
+    lacks_both: Fit, floor: NoiseFloor
+):
+    found = diagnose(lacks_both, floor, CANDIDATES)
+    rows = (Row.parse("chassis.fy"), Row.parse("chassis.mz"))
+    (law,) = found.formulas[:1]
+    little = replace(law, law=replace(law.law, explained=0.2), front=(replace(law.law, explained=0.1),))
+    wind = replace(found, found=(), unlisted_rows=rows, formulas=(little,))
+    assert "wind, a trailer, or a mass that moves in the car" in says(wind)
+    assert simple_laws(wind) == []
+    for other in (replace(wind, formulas=(law,)), replace(wind, unlisted_rows=found.unlisted_rows)):
+        assert "wind, a trailer" not in says(other)
+    assert simple_laws(found) == [law.of_one_term.text]
+
+
+def test_several_laws_of_the_travel_at_one_axle_are_said_to_be_one_spring(lacks_both: Fit, floor: NoiseFloor):
+    """An air spring is found as a sum of powers and of a stop without a gap."""
+    found = diagnose(lacks_both, floor, CANDIDATES)
+    (friction,) = found.found
+    keys = ("spring_quadratic.front", "spring_cubic.front", "bump_stop.front")
+    springs = [replace(friction, key=key, shape={}, values=(9.0,), interval=(1.0,)) for key in keys]
+    effects = {**found.effects, **{key: KNOWN[key] for key in keys}}
+    for some, said in ((springs, True), (springs[:2], False)):
+        text = says(replace(found, effects=effects, found=(friction, *some)))
+        assert (f"one spring whose rate changes ({', '.join(keys)})" in text) is said
+        assert ("lacet effect DIR 'air = suspension: f*((h/(h - travel))**1.3 - 1)" in text) is said
 
 
 def test_of_two_that_explain_as_much_the_simpler_is_named(lacks_both: Fit, floor: NoiseFloor):
