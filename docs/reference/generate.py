@@ -44,11 +44,12 @@ def public(body: list[ast.stmt]) -> list[ast.ClassDef | Function]:
 
 
 def fields(node: ast.ClassDef) -> str:
-    """The arguments a class is made with: those of its `__init__`, or the fields of a data class."""
+    """The arguments a class is made with: those of its `__init__`, or the fields of a data class or a named tuple."""
     for one in node.body:
         if isinstance(one, ast.FunctionDef) and one.name == "__init__":
             return arguments(one, method=True).partition(" -> ")[0]
-    if not any("dataclass" in ast.unparse(one) for one in node.decorator_list):
+    marks = [ast.unparse(one) for one in (*node.decorator_list, *node.bases)]
+    if not any("dataclass" in one or one == "NamedTuple" for one in marks):
         return ""
     names = [ast.unparse(one.target) for one in node.body if isinstance(one, ast.AnnAssign)
              and "ClassVar" not in ast.unparse(one.annotation)]  # fmt: skip
