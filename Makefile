@@ -24,7 +24,7 @@ export PYTHONDONTWRITEBYTECODE :=
 help:
 	@echo 'make demo          the whole chain on committed captures, in a minute or two, once the packages are loaded'
 	@echo 'make test          lint and tests'
-	@echo 'make lint          ruff, import contracts, pyright'
+	@echo 'make lint          ruff, import contracts, pyrefly'
 	@echo 'make format        format the sources'
 	@echo 'make test-slow     the studies that are too long for make test, and the property tests with new examples'
 	@echo 'make fuzz          2,000 mutated inputs for every reader, decoder and driver (an hour on two cores)'
@@ -67,7 +67,7 @@ lint: .venv/.dev
 	$(PY) -m ruff check . || failed="$$failed ruff-check"; \
 	$(PY) -m ruff format --check . || failed="$$failed ruff-format"; \
 	.venv/bin/lint-imports || failed="$$failed import-linter"; \
-	$(PY) -m pyright --pythonpath $(PY) || failed="$$failed pyright"; \
+	.venv/bin/pyrefly check --python-interpreter-path $(PY) --summary=none || failed="$$failed pyrefly"; \
 	if [ -n "$$failed" ]; then echo "lint: FAILED:$$failed"; exit 1; fi; echo 'lint: ok'
 
 format: .venv/.dev

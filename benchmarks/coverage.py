@@ -38,7 +38,7 @@ from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals, bring_together
 from lacet.identify.validation.parameter_estimates import estimates
 from lacet.services.one_thread import one_thread
-from tests.identify import cars  # pyright: ignore[reportMissingImports]
+from tests.identify import cars
 
 Array = NDArray[np.float64]
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks" / "coverage.md"

@@ -40,7 +40,7 @@ from lacet.identify.regression.wls import Fit, FitOptions, Stored, fit
 from lacet.identify.signals.reconstruct import Recording, Signals
 from lacet.identify.validation.parameter_estimates import estimates
 from lacet.services.one_thread import one_thread
-from tests.identify import cars  # pyright: ignore[reportMissingImports]
+from tests.identify import cars
 
 Array = NDArray[np.float64]
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks" / "fewer-instruments.md"

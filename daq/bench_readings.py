@@ -262,7 +262,8 @@ def _with_mixed(
         by = product[where]
         if np.any(by):
             error = (changes - table.at(*moved))[where]
-            table = replace(table, **{name: by @ error / (by @ by)})
+            fitted = by @ error / (by @ by)
+            table = replace(table, product=fitted) if name == "product" else replace(table, rack_product=fitted)
     largest = np.max(np.abs((changes - table.at(*moved))[rows]), axis=0)
     return replace(table, mixed=dict(zip(JOINTS, largest.tolist(), strict=True)))
 

@@ -54,7 +54,7 @@ _NAMES = {
 }
 _MODULE_OF = {name: module for module, names in _NAMES.items() for name in names}
 
-__all__ = sorted(_MODULE_OF)  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = sorted(_MODULE_OF)  # pyrefly: ignore[unresolvable-dunder-all]
 
 if _lost := [name for name in _ROOMS if not (_Path(__file__).parent / name).is_dir()]:
     # A checkout on Windows: git has written the links as small text files.

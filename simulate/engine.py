@@ -128,8 +128,8 @@ class Engine:
         states = 8
         for i, corner in enumerate(CORNERS):
             for effect in hidden:
-                if effect.at(corner) and (law := memory_law(effect)) is not None:
-                    self._memory[i].append((states, law))
+                if effect.at(corner) and (remembered := memory_law(effect)) is not None:
+                    self._memory[i].append((states, remembered))
                     states += 1
         self._own: list[list[tuple[int, OwnLaw]]] = [[] for _ in CORNERS]
         for i, corner in enumerate(CORNERS):

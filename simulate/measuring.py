@@ -241,7 +241,7 @@ def exchange_run(
         felt_at = interpolate(ideal[channel], motion.rate, t - latency)
         values = sensed(channel, felt_at, t - latency, rig, seed, chosen, sheet, noise)
         signals[channel] = Signal(t, values, np.zeros(len(t), np.uint8))
-    declared = {
+    declared: dict[str, Any] = {
         "name": motion.manoeuvre,
         "vehicle": motion.car.name,
         "manoeuvre": motion.manoeuvre,

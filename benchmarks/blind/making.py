@@ -45,7 +45,7 @@ def without_words(source: str) -> str:
     for node in ast.walk(tree):
         body = getattr(node, "body", None)
         if isinstance(body, list):
-            node.body = [one for one in body if not _is_text(one)] or [ast.Pass()]  # pyright: ignore
+            node.body = [one for one in body if not _is_text(one)] or [ast.Pass()]
     return ast.unparse(tree)
 
 

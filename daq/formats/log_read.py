@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from lacet.daq.blocks import Block
 from lacet.daq.errors import RunError, UsageError, nearest
@@ -31,6 +32,8 @@ from lacet.daq.formats.wire import (
 from lacet.daq.frames import Frames
 from lacet.daq.schema import lacet_pb2 as pb
 from lacet.daq.topics import DECODED, EVENTS, MANIFEST, META_RECOVERED, META_START, RAW, START, STOP
+
+_Record = TypeVar("_Record")
 
 PIECE_SECONDS = 20.0
 """Stretch of a log whose messages are joined before more are read [s]: thousands of small arrays cost memory."""
@@ -235,11 +238,11 @@ class LogReader:
         """Ids of the channels of some topics."""
         return (number for topic in topics for number in self._topics.get(topic, ()))
 
-    def _one(self, topic: str, read):
+    def _one(self, topic: str, read: Callable[[bytes], _Record]) -> _Record | None:
         """The last message of a topic, None when none can be read."""
         *_, found = (None, *self._scan.messages(self._numbers([topic]), last=True))
         try:
-            return found and read(found.data)
+            return read(found.data) if found else None
         except WireError as error:
             self.damage.append(f"{topic}: {error}")
         return None

@@ -132,7 +132,7 @@ class Document:
 
 def start_to_bytes(record: StartRecord) -> bytes:
     """The `StartRecord` message of a record."""
-    fields = {**vars(record), "documents": dict(record.documents), "extra": dict(record.extra)}
+    fields: dict[str, Any] = {**vars(record), "documents": dict(record.documents), "extra": dict(record.extra)}
     return serialize(pb.StartRecord(format=FORMAT, **fields))
 
 

@@ -7,7 +7,7 @@ import csv
 import io
 import re
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -84,7 +84,7 @@ class CsvTable(Source):
         self._rate = reading.rate
         if reading.time and reading.time not in self.form.names:
             try:
-                reading = Reading(**{**vars(reading), "time": resolve(reading.time, list(self.form.names))})
+                reading = replace(reading, time=resolve(reading.time, list(self.form.names)))
             except KeyError as cause:
                 raise fault(path, f"time column: {cause.args[0]}") from None
         if texts:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from lacet.daq.frames import EXTENDED, PUT_BACK
 from lacet.daq.sources.bus_log_lines import AscLines, CandumpLines
 from lacet.daq.sources.mdf import BUS_CHANNEL
 from lacet.daq.sources.source import fault
+
+if TYPE_CHECKING:
+    from can.io.generic import MessageReader
 
 FRAMES = 1 << 17
 """Frames that are read at a time."""
@@ -80,7 +83,9 @@ def read_frames(path: Path, kind: str, damage: list[str] | None = None) -> Itera
     """
     import can  # here, for it takes a while to load
 
-    readers = {"candump": can.CanutilsLogReader, "BLF": can.BLFReader, "ASC": can.ASCReader, "TRC": can.TRCReader}
+    readers: dict[str, Callable[[Any], MessageReader]] = {
+        "candump": can.CanutilsLogReader, "BLF": can.BLFReader, "ASC": can.ASCReader, "TRC": can.TRCReader,
+    }  # fmt: skip
     buses: dict[str, int] = {}
     held: list[Any] = []
     read = 0

@@ -169,7 +169,7 @@ class _Number(NamedTuple):
 
     def listed(self, count: int | None, place: str) -> Listed:
         """As a name of the log."""
-        units, quantity = self.meaning or ((), "")
+        units, quantity = self.meaning or FieldMeaning(())
         only = units[0] if len(units) == 1 else ""
         return Listed(self.name, only, count, place, self.numbered, () if only else units, quantity)
 

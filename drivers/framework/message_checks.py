@@ -104,9 +104,9 @@ def read_checks(options: Mapping[str, Any], signals: Signals, faults: list[str])
             before = out.get(hit[0].name, MessageChecks())
             out[hit[0].name] = MessageChecks(before.counter, one, before.status)
     for name, entry in _table(options, "status", "status = { AccState = 0 }", faults).items():
-        if (hit := found("status", name)) is not None and (one := _status(f"status.{name}", entry, *hit, faults)):
+        if (hit := found("status", name)) is not None and (state := _status(f"status.{name}", entry, *hit, faults)):
             before = out.get(hit[0].name, MessageChecks())
-            out[hit[0].name] = MessageChecks(before.counter, before.checksum, (*before.status, one))
+            out[hit[0].name] = MessageChecks(before.counter, before.checksum, (*before.status, state))
     return out
 
 
@@ -138,7 +138,8 @@ def _checksum(place: str, entry: Any, message: BusMessage, one: BusSignal, fault
     ends: list[bytes] = []
     for key in ("before", "after"):
         try:
-            ends.append(bytes(entry.get(key, [])))
+            given: Any = entry.get(key, [])
+            ends.append(bytes(given))
         except (TypeError, ValueError):
             faults.append(f"{place}.{key}: must be bytes, [0x12, 0x34], found {entry[key]!r}")
             return None

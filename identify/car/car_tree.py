@@ -174,8 +174,8 @@ def _along_kingpin(corner: Corner, angle: int, turned: Array) -> tuple[Array, Ar
 @lru_cache(maxsize=64)
 def _kingpin_spline(caster: float, lean: float) -> CubicSpline:
     """Carrier pitch and camber by its yaw [rad], for an axis leaning rearward by `caster`, right by `lean` [rad]."""
-    axis = np.array([-math.tan(caster), -math.tan(lean), 1.0])
-    axis = axis / np.linalg.norm(axis)
+    axis: Array = np.array([-math.tan(caster), -math.tan(lean), 1.0])
+    axis /= float(np.linalg.norm(axis))
     delta = np.linspace(-1.0, 1.0, 401)  # rad about the kingpin: beyond any steering lock
     c, s = np.cos(delta), np.sin(delta)
     x, y, z = axis

@@ -166,13 +166,14 @@ class CornerMotion:
         return replace(self, travel=given.travel, rate=sign * given.rate_rms)
 
 
-_Part = TypeVar("_Part", CornerMotion, FrameMotion, ConditionalTravel)
+_PARTS = (CornerMotion, FrameMotion, ConditionalTravel)
+_Part = TypeVar("_Part", bound=CornerMotion | FrameMotion | ConditionalTravel)
 
 
 def _at(part: _Part, index: NDArray[np.intp]) -> _Part:
     """The same with every array at the samples `index`."""
     taken: dict[str, Any] = {
-        name: value[..., index] if isinstance(value, np.ndarray) else _at(value, index)
+        name: _at(value, index) if isinstance(value, _PARTS) else value[..., index]
         for name, value in vars(part).items()
         if value is not None
     }

@@ -107,7 +107,7 @@ def turned_torques(fitted: ChainFit) -> tuple[TurnedTorque, ...]:
         alike = [(k, one) for k, one in tries if most - one.total <= _ALIKE * abs(most)]
         k, one = min(alike, key=lambda each: each[1].negative)
         more = one.likelihood - best.likelihood
-        chance = serial_quantile(len(more)) * float(np.sqrt(hac((more - np.mean(more))[:, None])[0, 0]))
+        chance = serial_quantile(len(more)) * float(np.sqrt(hac((more - float(np.mean(more)))[:, None])[0, 0]))
         if one.total - best.total <= level * chance or (friction[k] and not best.drives[k] > one.drives[k]):
             break
         best, signs = one, _turned(signs, k)

@@ -181,7 +181,7 @@ class ChainModel:
     ) -> Array:
         """(N, f, 1) change of the bodies' torques, which are linear in gravity, with its part along the axis."""
         vertical = int(np.argmax(np.abs(self.chain.gravity)))
-        along = chain.gravity / np.linalg.norm(chain.gravity)
+        along = chain.gravity / float(np.linalg.norm(chain.gravity))
         turned = np.eye(3)[effect.axis] - along[effect.axis] * along
         change = chain.gravity[vertical] / self.chain.gravity[vertical] * turned
         still = np.zeros_like(full[0])

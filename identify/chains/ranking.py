@@ -397,7 +397,7 @@ def _gain(X: Array, residual: Array, rows: _Rows) -> tuple[float, bool]:
     after = residual.copy()
     for number in range(int(rows.fold.max()) + 1):
         inside = rows.fold == number
-        beta = np.linalg.lstsq(X[~inside], residual[~inside], rcond=None)[0]
+        beta: Array = np.linalg.lstsq(X[~inside], residual[~inside], rcond=None)[0]
         after[inside] -= X[inside] @ beta
     before, remaining = np.bincount(rows.joint, residual**2), np.bincount(rows.joint, after**2)
     acts = np.bincount(rows.joint, np.sum(X**2, axis=1)) > _INDEPENDENT * np.sum(X**2)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.channels import CORNERS
-from lacet.identify.car.motion import Motion
+from lacet.identify.car.motion import CornerMotion, Motion
 from lacet.identify.car.rows import SUSPENSION_ROWS, TYRE_ROWS, Row
 from lacet.identify.effects.base import PhysicalEffect, SuspensionForce, columns_by_row, with_places
 from lacet.identify.multibody.rigid_body import PARAMETERS
@@ -168,7 +168,9 @@ def _slopes(runs: tuple[PreparedRun, ...], effect: PhysicalEffect, name: str, ki
 
 def _moved(motion: Motion, corner: str, name: str, by: float) -> Motion:
     one = motion.corners[corner]
-    changes: dict[str, Callable[[], Array]] = {
-        "travel": lambda: one.travel + by, "rate": lambda: one.rate + by, "deflection": lambda: one.deflection + by,
-    }  # fmt: skip
-    return replace(motion, corners={**motion.corners, corner: replace(one, **{name: changes[name]()})})
+    changes: dict[str, Callable[[], CornerMotion]] = {
+        "travel": lambda: replace(one, travel=one.travel + by),
+        "rate": lambda: replace(one, rate=one.rate + by),
+        "deflection": lambda: replace(one, deflection=one.deflection + by),
+    }
+    return replace(motion, corners={**motion.corners, corner: changes[name]()})

@@ -116,7 +116,7 @@ def weak_directions(
         return ()
     # Singular vectors of like values mix at will: in the basis of pivots each combination stands by itself.
     pivots = np.asarray(scipy.linalg.qr(null.T, pivoting=True, mode="r")[1])[: null.shape[1]]
-    basis = null @ np.linalg.inv(null[pivots])
+    basis: Array = null @ np.linalg.inv(null[pivots])
     out: list[tuple[tuple[int, float], ...]] = []
     for column in basis.T:
         share = column**2 / np.sum(column**2)

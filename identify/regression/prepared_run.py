@@ -127,7 +127,7 @@ class PreparedRun:
     ):  # fmt: skip
         self.recording, self.offset, self._index, self._is_piece = recording, offset, index, is_piece
         self._noisy: dict[tuple[int, ...], Sequence[NoisyColumns]] = {}
-        self._columns = {} if columns is None else columns
+        self._columns: dict[ColumnKey, Mapping[Row, Array]] = {} if columns is None else columns
         self._of_draws: dict[tuple[int, ...], dict[ColumnKey, Mapping[Row, Array]]] = {}
 
     @classmethod
@@ -239,7 +239,8 @@ class PreparedRun:
             held += sum(series.size for _, _, series in fresh)
             if held >= _TOGETHER:
                 self._through_filter(batch)
-                batch, held = [], 0
+                batch.clear()
+                held = 0
         self._through_filter(batch)
         return out
 
@@ -352,7 +353,7 @@ class PreparedRun:
         """
         recording = self.recording
         values = recording.signals.value
-        still = () if loads else ("wheel.force", "wheel.moment")
+        still: tuple[str, ...] = () if loads else ("wheel.force", "wheel.moment")
         moving = [name for name in values if CHANNELS[name].family not in still]
         noise = draw_noise(recording, moving, np.random.default_rng(seed))
         for sign in (1, -1):

@@ -246,9 +246,10 @@ class Equations(WeightedEquations):
     rows : the rows of any of the runs.
     """
 
+    # Nothing sets what is declared above, which a frozen class only reads.
     runs: Sequence[RunEquations]
-    known: Array
-    rows: Sequence[Key]
+    known: Array  # pyrefly: ignore[bad-override]
+    rows: Sequence[Key]  # pyrefly: ignore[bad-override]
 
     def sample_counts(self) -> dict[Key, int]:
         """Number of samples of each row, over all runs."""

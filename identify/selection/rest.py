@@ -209,7 +209,7 @@ class Rest:
         }
         standing = [row for row in lack.above if lack.p[row] <= SELECTION.level(space.draws)]
         if standing and not excess_is_coloured(lack):  # louder sensors
-            standing = []
+            standing.clear()
         standing += [row for row in doubted if lack.ratios.get(row, 1.0) > 1.0 and row not in standing]
         inexact = {row: sum(law.row_force.get(row, 0.0) for law in laws) for row in standing}
         small = [

@@ -430,7 +430,7 @@ def _slope(x: Array, y: Array) -> tuple[float, float]:
     """Slope of y against x, and their correlation; zeros where there are too few samples."""
     if x.size < _LEAST:
         return 0.0, 0.0
-    x, y = x - np.mean(x), y - np.mean(y)
+    x, y = x - float(np.mean(x)), y - float(np.mean(y))
     xx, yy, xy = float(x @ x), float(y @ y), float(x @ y)
     return (xy / xx, xy / math.sqrt(xx * yy)) if xx > 0.0 and yy > 0.0 else (0.0, 0.0)
 

@@ -116,7 +116,7 @@ def _of_run(run: PreparedRun, responses: Mapping[str, Mapping[Row, float]]) -> l
         derived = {name: one.method for name, one in others.items() if one.kind is not Kind.ASSUMED}
         assumed = {name: one.method for name, one in others.items() if one.kind is Kind.ASSUMED}
         if assumed and not moves:  # they do not enter this row
-            assumed = {}
+            assumed.clear()
         kind = RowKind.ASSUMED if assumed else RowKind.DERIVED if derived else RowKind.MEASURED
         moved = float(np.sqrt(sum(size**2 for size in moves.values())))
         size = float(np.std(run.measured[row]))

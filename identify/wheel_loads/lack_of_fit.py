@@ -51,7 +51,8 @@ def known_car(fitted: Fit, knowledge: Knowledge, compared: Iterable[tuple[Prepar
     others = [i for i in range(k) if i not in late]
     prior = np.diag(np.where(np.array(others) < q, _FREE, 1.0))
     between = normal[np.ix_(others, late)]
-    taken = np.linalg.solve(normal[np.ix_(others, others)] + prior, np.column_stack([between, right[others]]))
+    beside = np.column_stack([between, right[others]])
+    taken = np.asarray(np.linalg.solve(normal[np.ix_(others, others)] + prior, beside), float)
     instruments = Instruments(
         tuple(entry for entry in entries if entry[0] == "latency"),
         normal[np.ix_(late, late)] - between.T @ taken[:, :-1],

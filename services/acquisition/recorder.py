@@ -247,7 +247,7 @@ class Recorder:
 
     def _mark_asked(self, text: str) -> dict[str, Any] | None:
         event = self.mark(text, "bus")
-        return event and {"text": event.text, "seconds": (event.t_ns - self._begun_ns) / 1e9}
+        return {"text": event.text, "seconds": (event.t_ns - self._begun_ns) / 1e9} if event else None
 
     def _store_marks(self) -> None:
         while self._marks:

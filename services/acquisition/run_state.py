@@ -6,6 +6,7 @@ import json
 import os
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from lacet.daq.bus.session import Keys
 
@@ -67,10 +68,11 @@ def read_states(folder: Path) -> list[RunState]:
     found: list[RunState] = []
     for path in sorted(folder.glob(f"*{SUFFIX}")):
         try:
-            content = json.loads(path.read_text(encoding="utf-8"))
+            content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
             if content.pop("format") != FORMAT:
                 continue
-            state = RunState(**{**content, "notes": tuple(content["notes"])})
+            content["notes"] = tuple(content["notes"])
+            state = RunState(**content)
             texts = (state.car, state.run, state.log, state.digest, *state.notes)
             there = all(isinstance(text, str) for text in texts) and (folder / state.log).is_file()
         except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):

@@ -146,16 +146,17 @@ def run_digests(study: Path, runs: Iterable[Path]) -> list[str]:
     found: dict[str, list[Any]] = {}
     out: list[str] = []
     for run in runs:
-        name, entry = str(run.resolve()), ["", "", "", ""]
+        name, digest = str(run.resolve()), ""
         with suppress(OSError):
             states = [file.stat() for file in (run, *further_files(run))]
             stamp = [sum(s.st_size for s in states), max(s.st_mtime_ns for s in states), states[0].st_ino]
             before = known.get(name)
             if isinstance(before, list) and len(kept := cast(list[Any], before)) == 4 and kept[:3] == stamp:
-                entry = kept
+                digest = str(kept[3])
             else:
-                entry = found[name] = [*stamp, run_digest(run)]
-        out.append(entry[3])
+                digest = run_digest(run)
+                found[name] = [*stamp, digest]
+        out.append(digest)
     if found:
         _remember(memory, {**known, **found})
     return out

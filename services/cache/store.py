@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from lacet.services.cache.records import Record, RecordError, from_record, to_record
+from lacet.services.cache.records import Record, from_record, to_record
 
 MOST_BYTES = 1_000_000_000
 """Size of a study's cached values above which the oldest are removed [bytes]."""
@@ -54,7 +54,7 @@ class Store:
                         arrays.append(np.lib.format.read_array(stream, allow_pickle=False))
                         stream.read()  # to the end, where the checksum is compared
             value = from_record(Record(tree, arrays))
-        except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error, RecordError):
+        except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error):
             return None
         with suppress(OSError):
             os.utime(file)

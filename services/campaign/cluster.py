@@ -71,7 +71,7 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
             return
         try:
             client = distributed.Client(scheduler, timeout=CONNECTING)
-        except (OSError, ValueError, TimeoutError) as cause:
+        except (OSError, ValueError) as cause:
             raise UsageError(f"no Dask scheduler answers at {scheduler}: {cause}") from None
         with client:
             _checked(client, scheduler)

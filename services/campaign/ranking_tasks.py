@@ -88,7 +88,7 @@ class FitAt:
     @classmethod
     def of(cls, fitted: FittedModel, where: EquationsAt) -> FitAt:
         """The plain values of a fitted model."""
-        return cls(where, FittedModel(**{**_values(fitted), "model": Model.of(())}))
+        return cls(where, FittedModel(**(_values(fitted) | {"model": Model.of(())})))
 
     def fit(self, run: SingleRun) -> Fit:
         """The fit, on one run alone; its residual is not computed."""
@@ -96,7 +96,7 @@ class FitAt:
         (zeros,) = found.equations.zeros(self.fitted.solution, self.fitted.sigma)
         (equations,) = found.equations.runs
         return Fit(
-            **{**_values(self.fitted), "model": run.model}, runs=found.assembly.runs, residual=(),
+            **(_values(self.fitted) | {"model": run.model}), runs=found.assembly.runs, residual=(),
             zeros=((equations.zeros, equations.priors, zeros),), assembly=found.assembly, equations=found.equations,
         )  # fmt: skip
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -66,7 +67,7 @@ class IdentifiedChain:
     slowest: NDArray[np.float64]
     _recorded: Recorded = field(repr=False)
     _samples: JointSamples = field(repr=False)
-    _how: dict[str, object] = field(repr=False)
+    _how: dict[str, Any] = field(repr=False)
 
     @property
     def parameters(self) -> tuple[ChainEstimate, ...]:
@@ -125,14 +126,14 @@ class IdentifiedChain:
             residual, noise = held_out(self.fitted, self.filters.fit_cutoff, self._noise)
         return scores_of(self.fitted, residual, self.fitted.measured, noise)
 
-    def predict(self, q: ArrayLike, tau: ArrayLike, **given: object) -> tuple[JointScore, ...]:
+    def predict(self, q: ArrayLike, tau: ArrayLike, **given: Any) -> tuple[JointScore, ...]:
         """Error of each joint on another record, with the same filters; arguments as in `identify_chain`.
 
         Its floor is the other record's noise: the errors of the parameters come on top of it, and are large where this
         record was short.
         """
         how = {**self._how, **given}
-        other = Recorded.read(self.fitted.model.chain, q, tau, **how)  # pyright: ignore[reportArgumentType]
+        other = Recorded.read(self.fitted.model.chain, q, tau, **how)
         samples = other.samples(other.filters(self.filters.fit_cutoff, self.filters.pre_cutoff))
         with one_thread():
             measured, modelled = predicted(self.fitted, samples)

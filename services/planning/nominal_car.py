@@ -129,6 +129,7 @@ def _axle(vehicle: Vehicle, a: str, base: Axle, track: float, scale: float, k: f
     corner = vehicle.corners[f"{a}l"]
     place = "axle.front" if a == "f" else "axle.rear"
     camber = vehicle.numbers.get(f"{place}.static_camber")
+    x, y, z = base.carrier_inertia
     light = scale * (corner.tyre_radius / base.radius) ** 2
     return replace(
         base, track=track, stiffness=k, damping=c, tyre_stiffness=kt, radius=corner.tyre_radius,
@@ -136,7 +137,7 @@ def _axle(vehicle: Vehicle, a: str, base: Axle, track: float, scale: float, k: f
         kingpin_inclination=corner.kingpin_inclination, driven=corner.driven, steered=a == "f",
         carrier_mass=scale * base.carrier_mass, inboard_mass=scale * base.inboard_mass,
         outboard_mass=scale * base.outboard_mass,
-        carrier_inertia=tuple(light * x for x in base.carrier_inertia),
+        carrier_inertia=(light * x, light * y, light * z),
         inboard_spin=light * base.inboard_spin, inboard_transverse=light * base.inboard_transverse,
         outboard_spin=light * base.outboard_spin, outboard_transverse=light * base.outboard_transverse,
     )  # fmt: skip

@@ -104,7 +104,7 @@ def test_the_reference_dbc_files_decode_as_cantools_does():
             rows = rows_of(payloads, message.length)
             expected = [oracle.decode_message(message.ident, payload) for payload in payloads]
             for signal in message.signals.values():
-                values = [float(row[signal.name]) for row in expected]  # pyright: ignore
+                values = [float(row[signal.name]) for row in expected]
                 np.testing.assert_allclose(signal.physical(signal.raw(rows)), values, rtol=1e-12)
 
 

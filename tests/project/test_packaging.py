@@ -90,7 +90,7 @@ def test_a_campaign_runs_on_what_runs_and_dask():
 
 
 def test_what_runs_is_light():
-    heavy = {"mujoco", "cvxpy", "distributed", "bokeh", "pytest", "pyright", "pre-commit"}
+    heavy = {"mujoco", "cvxpy", "distributed", "bokeh", "pytest", "pyrefly", "pre-commit"}
     assert not heavy & set(pins("run.txt"))
 
 

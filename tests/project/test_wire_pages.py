@@ -76,7 +76,7 @@ EXAMPLES = [
 
 @pytest.mark.parametrize("page", sorted(set(PAGES.glob("*.md")) - {PAGES / "README.md"}), ids=lambda page: page.stem)
 def test_each_page_has_three_examples_one_of_a_fault(page):
-    examples = [param.values[0] for param in EXAMPLES if param.values[0].driver == page.stem]  # pyright: ignore
+    examples = [param.values[0] for param in EXAMPLES if param.values[0].driver == page.stem]
     assert len(examples) >= 3
     assert any(example.fault for example in examples)
     assert sum(not example.fault for example in examples) >= 2
@@ -121,6 +121,6 @@ def test_the_constants_on_the_pages_are_those_of_the_algorithms():
 def test_the_ids_on_the_pages_are_those_of_the_dbc(name):
     driver = open_driver(name, "bus")
     text = (PAGES / f"{name}.md").read_text(encoding="utf-8")
-    idents = {message.ident for unit in driver.units for message in unit.messages}  # pyright: ignore
+    idents = {message.ident for unit in driver.units for message in unit.messages}
     prose = BLOCK.sub("", text)
     assert {int(word, 16) for word in re.findall(r"0x\d\d\d\b", prose)} == idents

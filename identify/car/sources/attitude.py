@@ -65,12 +65,12 @@ def _smoothed(measured: Array, rates: Array, rate: float, zero: float) -> Array:
     t = (np.arange(n) - 0.5 * (n - 1)) / rate
     apart = integral - measured
     drift = float(t @ apart) / (float(t @ t) + SLOPE**2 * AGREES * rate / zero**2)
-    expected = integral - np.mean(apart) - drift * t
+    expected = integral - float(np.mean(apart)) - drift * t
     bands = np.empty((2, n))
     bands[0], bands[1] = weight + 2.0 * stiff, -stiff
     bands[0, [0, -1]] -= stiff
-    departure = scipy.linalg.solveh_banded(bands, weight * (measured - expected), lower=True)
-    return expected + np.asarray(departure, float)
+    departure: Array = scipy.linalg.solveh_banded(bands, weight * (measured - expected), lower=True)
+    return expected + departure
 
 
 def _of_sensor(attitude: Array, R_body_sensor: Array) -> Array:

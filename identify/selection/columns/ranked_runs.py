@@ -192,7 +192,7 @@ class LocalRuns:
         out: dict[Row, float] = {}
         for row in self.fit.rows:
             each = [run.measured[row] for run in self.fit.runs if row in run.measured]
-            out[row] = float(np.sqrt(np.mean(np.concatenate([(one - np.mean(one)) ** 2 for one in each]))))
+            out[row] = float(np.sqrt(np.mean(np.concatenate([(one - float(np.mean(one))) ** 2 for one in each]))))
         return out
 
     def unmeasured(self, effects: Sequence[Effect]) -> Mapping[str, Unmeasured]:

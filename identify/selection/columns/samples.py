@@ -48,7 +48,10 @@ class Blocks:
         """The blocks of a row, or all."""
         for number, block in enumerate(self.held):
             if row is None or block.row == row:
-                yield replace(block, **self.on_disk[number]) if self.on_disk else block
+                if self.on_disk:
+                    kept = self.on_disk[number]
+                    block = replace(block, zeros=kept["zeros"], columns=kept["columns"], draws=kept["draws"])
+                yield block
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,9 @@ def with_inseparable(
     sums = _sums(fitted, found)
     further: list[Effect] = []
     for effect in joint.effects:
-        others = [] if effect.key in sums or effect.key not in found else _others(joint, effect)
+        if effect.key in sums or effect.key not in found:
+            continue
+        others = _others(joint, effect)
         if others and (more := _sums(fitted.with_effects(others), (effect.key,))):
             further += [one for one in others if one.key in more]
             sums |= more

@@ -85,6 +85,6 @@ def _correlations(
             if np.any(energy[at] <= SELECTION.gone_share * whole[at]) or energy[i] <= SELECTION.gone_share * whole[i]:
                 continue
             inner = normal[np.ix_(at, at)] + SELECTION.correlation_ridge * np.diag(energy[at])
-            square = normal[i, at] @ np.linalg.solve(inner, normal[at, i]) / energy[i]
+            square = float(normal[i, at] @ np.linalg.solve(inner, normal[at, i])) / float(energy[i])
             out.append((key_of(law), trial.effect.key, float(np.sqrt(max(0.0, square)))))
     return out

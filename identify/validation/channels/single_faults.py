@@ -167,7 +167,7 @@ def column_faults(runs: Sequence[PreparedRun]) -> list[EquationFault]:
     each = [(run, found) for run, found in zip(runs, products, strict=True) if found is not None]
     out = [fault for run, found in each if (fault := _fault(run, found)) is not None]
     if len({found.columns for _, found in each}) != 1:
-        return [*_together(out)]
+        return list[EquationFault](_together(out))
     seconds = {run.name: _seconds(run) for run, _ in each}
     joined = FaultColumns.joined([found for _, found in each])
     if all(isinstance(one, ColumnFault) and one.fault is Fault.LATE for one in out):
@@ -178,7 +178,7 @@ def column_faults(runs: Sequence[PreparedRun]) -> list[EquationFault]:
     if not out and len(each) > 1:
         found = _joint_fault([run for run, _ in each], joined, seconds)
         out = [found] if found is not None else []
-    return [*_together(out)]
+    return list[EquationFault](_together(out))
 
 
 def _taken(found: Sequence[ColumnFault | Suspects], run: str) -> float:

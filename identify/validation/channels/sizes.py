@@ -224,7 +224,7 @@ def _at_zero_steer(run: Run, corner: str) -> float:
     series = camber.values[camber.usable, 0]
     if corner in CORNERS[2:]:
         return float(np.mean(series))
-    at = np.interp(camber.t[camber.usable], steer.t[steer.usable], steer.values[steer.usable, 0])
+    at: Array = np.interp(camber.t[camber.usable], steer.t[steer.usable], steer.values[steer.usable, 0])
     return float(np.linalg.lstsq(np.stack([np.ones(at.size), at], axis=1), series, rcond=None)[0][0])
 
 
@@ -240,6 +240,6 @@ def _against_yaw(run: PreparedRun, keep: NDArray[np.bool_], steer: Sequence[Arra
     """The front wheel that alone steers against the yaw rate; empty where it is open."""
     if "imu.rate" not in run.recording.signals.value or run.motion.velocity is None:
         return ""
-    with_turn = [float(np.dot(s - np.mean(s), run.motion.body.omega[2][keep])) for s in steer]
+    with_turn = [float(np.dot(s - float(np.mean(s)), run.motion.body.omega[2][keep])) for s in steer]
     against = [name for name, product in zip(_FRONT, with_turn, strict=True) if product < 0.0]
     return against[0] if len(against) == 1 else ""

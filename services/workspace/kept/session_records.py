@@ -49,4 +49,5 @@ def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
 
 def restored_diagnosis(record: Mapping[str, Any], effects: Mapping[str, Effect], noise: RegressorNoise) -> Diagnosis:
     """The ranking of a record; `effects` by key, those that can be computed among them."""
-    return Diagnosis(**{**record, "effects": {key: effects[key] for key in record["effects"]}, "noise": noise})
+    values = dict(record) | {"effects": {key: effects[key] for key in record["effects"]}, "noise": noise}
+    return Diagnosis(**values)

@@ -17,7 +17,7 @@ from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.joint.subset_search import inexactness_of
 from lacet.identify.selection.laws import encompassing
 from lacet.identify.selection.laws.encompassing import (
-    _better,  # pyright: ignore[reportPrivateUsage]
+    _better,
     encompasses,
     kinds_of,
 )

@@ -46,7 +46,7 @@ def fitted(rig: Rig, names: tuple[str, ...] = ("sine", "rough", "sweep"), *gone:
 def test_a_unit_128_mm_from_where_the_rig_says_is_found_where_it_is() -> None:
     found = unit_position(fitted(moved(0.128, -0.03, 0.0)))
     assert [one.axis for one in found] == ["x", "y", "z"]
-    true = RIG.sensor_of("imu.accel").position[""]  # pyright: ignore[reportOptionalMemberAccess]
+    true = RIG.sensor_of("imu.accel").position[""]
     for one, x in zip(found, true, strict=True):
         assert one.half < 0.005
         assert one.testable
@@ -90,7 +90,7 @@ def test_a_unit_that_only_suspension_and_tyre_rows_want_elsewhere_is_where_the_r
         for rig in (moved(0.128, 0.0, 0.0), RIG)
     )
     right = {run.name: FaultColumns.of_chassis(run) for run in sound}
-    assert FaultColumns.of_chassis(off[0]).count < FaultColumns.of(off[0]).count  # pyright: ignore[reportOptionalMemberAccess]
+    assert FaultColumns.of_chassis(off[0]).count < FaultColumns.of(off[0]).count
     monkeypatch.setattr(FaultColumns, "of_chassis", lambda run: right[run.name])
     assert not [found for found in column_faults(off) if isinstance(found, Misplaced)]
 
