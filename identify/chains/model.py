@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -26,7 +26,7 @@ from lacet.identify.multibody.rigid_body import NEVER_NEGATIVE
 from lacet.identify.multibody.scaled_chain import ScaledChain
 from lacet.identify.multibody.symbolic_table import FIXED
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.signals.filters import zero_phase
+from lacet.identify.signals.decimation import decimated
 
 _PIECE = 4000
 """Samples of which the equations are formed at a time: the memory of a long recording is that of a piece."""
@@ -264,40 +264,37 @@ class ChainModel:
 
     def law_equations(self, samples: JointSamples, standard: Array, place: slice) -> Array:
         """(m, f, k) columns after filter and decimation of the parameters at `place`, which are laws'."""
-        first = 10 * self.chain.n
-        return self.equations(samples, standard, bodies=False)[0][:, :, place.start - first : place.stop - first]
+        laws = slice(place.start - 10 * self.chain.n, place.stop - 10 * self.chain.n)
+        return _decimated(self.shifted(samples, standard), lambda part: self.law_columns(part, standard)[:, :, laws])
 
-    def equations(
-        self, samples: JointSamples, standard: Array | None = None, bodies: bool = True
-    ) -> tuple[Array, Array]:
-        """(m, f, p) columns and (m, f) right sides after filter and decimation, formed piece by piece.
+    def equations(self, samples: JointSamples, standard: Array | None = None) -> tuple[Array, Array]:
+        """(m, f, p) columns and (m, f) right sides after filter and decimation.
 
         External forces stand on the right side; encoder offsets that are known in `standard` are in the positions.
-        `bodies` : whether the columns of the bodies' parameters are among them.
         """
-        samples = self.shifted(samples, standard)
-        kept, filters = samples.kept, samples.filters
-        memory = int(np.ceil(min(filters.memory, 3.0 * filters.edge) * filters.rate))
-        count = max(1, _PIECE // filters.step)
-        left: list[Array] = []
-        right: list[Array] = []
-        for first in range(0, len(kept), count):
-            here = kept[first : first + count]
-            start, stop = max(0, int(here[0]) - memory), min(len(samples.q), int(here[-1]) + memory + 1)
-            part = samples.part(slice(start, stop))
-            W = self.columns(part, standard) if bodies else self.law_columns(part, _given(standard))
+
+        def both(part: JointSamples) -> Array:
             y = part.tau - part.external_torques(self.chain)
-            both = np.concatenate([W, y[:, :, None]], axis=2).reshape(stop - start, -1).T
-            filtered = zero_phase(np.ascontiguousarray(both), filters.fit_cutoff, filters.rate, filters.order)
-            filtered = filtered[:, here - start].T.reshape(len(here), W.shape[1], -1)
-            left.append(filtered[:, :, :-1])
-            right.append(filtered[:, :, -1])
-        return np.concatenate(left), np.concatenate(right)
+            return np.concatenate([self.columns(part, standard), y[:, :, None]], axis=2)
+
+        found = _decimated(self.shifted(samples, standard), both)
+        return np.ascontiguousarray(found[:, :, :-1]), np.ascontiguousarray(found[:, :, -1])
 
 
-def _given(standard: Array | None) -> Array:
-    assert standard is not None
-    return standard
+def _decimated(samples: JointSamples, columns: Callable[[JointSamples], Array]) -> Array:
+    """(m, f, k) `columns` (N, f, k) of samples after filter and decimation, formed piece by piece."""
+    kept, filters = samples.kept, samples.filters
+    memory = int(np.ceil(min(filters.memory, 3.0 * filters.edge) * filters.rate))
+    count = max(1, _PIECE // filters.step)
+    out: list[Array] = []
+    for first in range(0, len(kept), count):
+        here = kept[first : first + count]
+        start = max(0, int(here[0]) - memory) // filters.step * filters.step
+        stop = min(len(samples.q), int(here[-1]) + memory + 1)
+        found = columns(samples.part(slice(start, stop)))
+        through = decimated(found.transpose(1, 2, 0), filters)[:, :, (here - start) // filters.step]
+        out.append(through.transpose(2, 0, 1))
+    return np.concatenate(out)
 
 
 def standard_effects(chain: Chain, *laws: type[JointEffect]) -> tuple[JointEffect, ...]:

@@ -19,7 +19,8 @@ from lacet.identify.chains.fit import ChainFit, refitted
 from lacet.identify.chains.samples import JointSamples, Recorded
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.selection.settings import SELECTION
-from lacet.identify.signals.filters import Filters, zero_phase
+from lacet.identify.signals.decimation import decimated
+from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.noise_level import white_noise
 
 _DRAWS = 19
@@ -119,9 +120,9 @@ def _fitted_to(fitted: ChainFit, used: NDArray[np.bool_], noise: Array) -> Array
 
 def predicted(fitted: ChainFit, samples: JointSamples) -> tuple[Array, Array]:
     """(m, f) measured torques of any samples, and the model's, after filter and decimation."""
-    filters, kept = samples.filters, samples.kept
+    filters = samples.filters
     both = np.concatenate([samples.tau, fitted.model.torques(samples, fitted.standard)], axis=1)
-    through = zero_phase(np.ascontiguousarray(both.T), filters.fit_cutoff, filters.rate, filters.order)[:, kept].T
+    through = decimated(both.T, filters)[:, samples.kept // filters.step].T
     count = samples.tau.shape[1]
     return through[:, :count], through[:, count:]
 

@@ -249,9 +249,7 @@ class PreparedRun:
         if not batch:
             return
         flat = np.concatenate([series.reshape(-1, series.shape[-1]) for _, _, series in batch])
-        moving = np.any(flat, axis=-1)
-        found = np.zeros((len(flat), self.comb.size))
-        found[moving] = decimated(flat[moving], self.recording.filters)
+        found = decimated(flat, self.recording.filters)
         kept = {row: self.kept(row) for row in {row for _, row, _ in batch}}
         start = 0
         for place, row, series in batch:

@@ -32,14 +32,18 @@ def comb(size: int, filters: Filters) -> NDArray[np.intp]:
 def decimated(x: Array, filters: Filters) -> Array:
     """A series (…, N) after the parallel filter, at the n instants of its `comb`, (…, n)."""
     places = comb(x.shape[-1], filters)
-    if not places.size or not x.size:
-        return np.zeros((*x.shape[:-1], places.size))
-    series = x.reshape(-1, x.shape[-1])
+    out, moving = np.zeros((*x.shape[:-1], places.size)), np.any(x, axis=-1)
+    if places.size and np.any(moving):  # what is zero stays zero
+        out[moving] = _through(x[moving], filters, places)
+    return out
+
+
+def _through(series: Array, filters: Filters, places: NDArray[np.intp]) -> Array:
+    """(k, n) series (k, N) after the parallel filter, at the instants of its comb."""
     out = _of(filters).through(series, places)
     # The filter leaves the line between a series' ends as it is; without it a series is odd about both, as assumed.
-    slope = (series[:, -1:] - series[:, :1]) / max(1, x.shape[-1] - 1)
-    out += np.concatenate([series[:, :1], slope], axis=1) @ _taken_from_lines(filters, x.shape[-1])
-    return out.reshape(*x.shape[:-1], places.size)
+    slope = (series[:, -1:] - series[:, :1]) / max(1, series.shape[1] - 1)
+    return out + np.concatenate([series[:, :1], slope], axis=1) @ _taken_from_lines(filters, series.shape[1])
 
 
 def _of(filters: Filters) -> _Exponentials:
