@@ -127,9 +127,9 @@ def test_any_split_gives_the_same_samples(seed, cuts):
     }  # fmt: skip
     own = driver(signals, counter="Alive", checksum={"Crc": "sum"}, status={"LatState": {"valid": [0], "of": ["Lat"]}})
     rng = np.random.default_rng(seed)
-    sent = [(10 * i, 256, esp(i % 90, alive=i % 16)) for i in range(200)]
-    sent += [(25 * i + 3, 257, (i * 7 % 65536).to_bytes(2, "little") + b"\0\0") for i in range(80) if not 30 < i < 45]
-    sent += [(20 * i + 1, 258, bytes([i % 2, i % 256, 1, 0, 0, 0, 0, 0])) for i in range(100)]
+    sent = [(10 * i, 256, esp(i % 90, alive=i % 16)) for i in range(100)]
+    sent += [(25 * i + 3, 257, (i * 7 % 65536).to_bytes(2, "little") + b"\0\0") for i in range(45) if not 15 < i < 30]
+    sent += [(20 * i + 1, 258, bytes([i % 2, i % 256, 1, 0, 0, 0, 0, 0])) for i in range(50)]
     sent += [(5000 + 7 * i, 0x18F00400, bytes(range(8))) for i in range(20)]  # past the patience for Speed
     stream = spoil(frames(*sorted(sent)), rng, [256, 257, 258])
     whole, counts = decode_all(own, stream)
