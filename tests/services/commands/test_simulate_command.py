@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -251,10 +252,19 @@ def test_a_car_like_that_of_a_vehicle_file_is_driven(
     assert Vehicle.load(tmp_path / "kit-car.toml").apriori
 
 
-def test_a_car_on_linkages_writes_what_identify_reads_and_keeps_its_truth_apart(tmp_path: Path, rig: Path) -> None:
-    out, truth = tmp_path / "runs", tmp_path / "truth" / "truth.json"
-    words = ["simulate", "--rig", rig, "--car", "second", "--manoeuvre", "sinus", "--set", "duration=0.3"]
-    assert lacet(*words, "--format", "parquet", "-o", out, "--truth", truth) == 0
+@pytest.fixture(scope="module")
+def on_linkages(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a run of the car on linkages and what is written beside it, and the truth apart from it."""
+    folder = tmp_path_factory.mktemp("linkages")
+    words = ["--car", "second", "--manoeuvre", "sinus", "--set", "duration=3", "--set", "amplitude=0.03"]
+    out, truth = folder / "runs", folder / "truth" / "truth.json"
+    where = ["--format", "parquet", "-o", out, "--truth", truth]
+    assert lacet("simulate", "--rig", "peugeot-406", *words, *where) == 0
+    return folder
+
+
+def test_a_car_on_linkages_writes_what_identify_reads_and_keeps_its_truth_apart(on_linkages: Path) -> None:
+    out, truth = on_linkages / "runs", on_linkages / "truth" / "truth.json"
     run, vehicle = open_run(out / "sinus.parquet"), Vehicle.load(out / "second.toml")
     assert set(run.signals) == set(STANDARD)
     assert run.vehicle == "second"
@@ -265,10 +275,11 @@ def test_a_car_on_linkages_writes_what_identify_reads_and_keeps_its_truth_apart(
     assert all(b"bushing" not in file.read_bytes() for file in out.iterdir())
 
 
-def test_a_car_on_linkages_is_identified_with_what_was_written_beside_its_runs(tmp_path: Path) -> None:
+def test_a_car_on_linkages_is_identified_with_what_was_written_beside_its_runs(
+    tmp_path: Path, on_linkages: Path
+) -> None:
     """With the joints of its vehicle file the suspension rows come to their floor, without them they do not."""
-    words = ["--car", "second", "--manoeuvre", "sinus", "--set", "duration=3", "--set", "amplitude=0.03"]
-    assert lacet("simulate", "--rig", "peugeot-406", *words, "--format", "parquet", "-o", tmp_path) == 0
+    shutil.copytree(on_linkages / "runs", tmp_path, dirs_exist_ok=True)
     text = (tmp_path / "second.toml").read_text(encoding="utf-8")
     (tmp_path / "bump.toml").write_text(text[: text.index("[corner.fl.joints.own]")], encoding="utf-8")
     worst = {}
