@@ -5,11 +5,8 @@ from __future__ import annotations
 import re
 from importlib.metadata import version as installed
 from pathlib import Path
-from typing import Any
 
-from docutils import nodes
 from pygments.lexers.special import TextLexer
-from sphinx import addnodes
 from sphinx.application import Sphinx
 
 HERE = Path(__file__).parent
@@ -38,8 +35,6 @@ _NAMED = re.compile(
 """A link that shows the name of a page's file."""
 _FENCES = ("wire", "csv")
 """Kinds of blocks for which there is no highlighting."""
-_TITLES: dict[str, nodes.bullet_list] = {}
-"""Page → its title and the pages below it."""
 
 
 def kinds_of(text: str) -> dict[str, list[str]]:
@@ -81,34 +76,8 @@ def _for_the_site(app: Sphinx, page: str, source: list[str]) -> None:
     source[0] = _OUTSIDE.sub(link, _NAMED.sub(r"[](\g<page>)", text))
 
 
-def _titles(contents: nodes.bullet_list) -> nodes.bullet_list:
-    """Contents of a page without its headings: its title and the pages below it."""
-    out = contents.deepcopy()
-    for item in out.children:
-        if isinstance(item, nodes.list_item) and len(item) > 1:
-            item[1:] = [nodes.bullet_list("", *below)] if (below := list(item.findall(addnodes.toctree))) else []
-    return out
-
-
-def _navigation_of_titles(app: Sphinx, page: str, template: str, context: dict[str, Any], tree: object) -> None:
-    """Navigation from the titles alone, which are all that it shows: a third of the time was copies of headings."""
-    env, navigation = app.builder.env, context["toctree"]
-    if not _TITLES:
-        _TITLES.update({name: _titles(contents) for name, contents in env.tocs.items()})
-
-    def of_titles(**how: Any) -> str:
-        whole, env.tocs = env.tocs, _TITLES
-        try:
-            return navigation(**how)
-        finally:
-            env.tocs = whole
-
-    context["toctree"] = of_titles
-
-
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
     for name in _FENCES:
         app.add_lexer(name, TextLexer)
     app.connect("source-read", _for_the_site)
-    app.connect("html-page-context", _navigation_of_titles, priority=400)  # before the theme asks for it
