@@ -180,5 +180,5 @@ def family_wise(best: Sequence[Best]) -> list[float]:
 
 def _standardised(values: Array) -> Array:
     """Less their mean, in units of their standard deviation; zeros where all are equal."""
-    off = values - np.mean(values)
+    off: Array = values - np.mean(values)
     return off / (np.std(off) or 1.0)
