@@ -77,8 +77,14 @@ def with_other_constants(joint: Joint, seed: int, progress: Progress) -> list[Ot
     fewer = constants_found(best) < constants_found(laws)
     if fewer or fall_of(alone, best) - fall_of(alone, laws) > SELECTION.least_refinement_fall:
         # With the new constants of one law another may fall out of the fit: it is not needed.
-        out.append(OtherLaws(best, frozenset()))
+        out.append(OtherLaws(best, frozenset([_strongest(alone, best).key])))
     return [one for one in out if one.needed.isdisjoint(implausible_together(alone, one.laws))]
+
+
+def _strongest(alone: ScoreTests, laws: Sequence[Effect]) -> Effect:
+    """The law without which the others explain least."""
+    without = {law.key: [one for one in laws if one is not law] for law in laws}
+    return min(laws, key=lambda law: fall_of(alone, without[law.key]) if without[law.key] else 0.0)
 
 
 def _one_for_one(

@@ -132,7 +132,7 @@ def improved(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
             continue
         without = without or less(joint, laws)
         new = _refitted(joint, without, other, seed, progress)
-        stands = other.needed <= {law.key for law in new.laws if law.implausible is None}
+        stands = other.needed <= {law.key for law in new.laws if law.key in new.keys and law.implausible is None}
         if stands and frozenset(new.keys) not in joint.refused:
             return joint.replaced_by(new)
         joint = replace(joint, refused=joint.refused | {wanted})

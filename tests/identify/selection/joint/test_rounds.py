@@ -118,9 +118,12 @@ def test_a_law_alone_in_its_rows_may_do_the_work_of_two(space: ScoreTests):
 
 
 def test_constants_are_searched_again_in_the_fit_with_all(space: ScoreTests):
-    """A law that falls out of that fit is not needed, even if its constants moved."""
+    """A law that falls out of that fit is not needed, even if its constants moved, but the strongest is."""
     wrong = begun(space, [TOO_LATE, SPRING, BAR])
-    assert with_other_constants(wrong, 0, lambda _: None)[-1].needed == frozenset()
+    (strongest,) = with_other_constants(wrong, 0, lambda _: None)[-1].needed
+    laws = [STOP, SPRING, BAR]
+    falls = {law.key: fall_of(space, [one for one in laws if one is not law]) for law in laws}
+    assert strongest == min(falls, key=lambda key: falls[key])
     right = improved(wrong, 0)
     (stop,) = (effect for effect in right.effects if effect.key == STOP.key)
     assert {*right.keys} == {*wrong.keys}
@@ -134,6 +137,21 @@ def test_constants_that_the_runs_do_not_show_are_given_up(space: ScoreTests):
     others = with_other_constants(begun(space, [bent, SPRING, BAR]), 0, lambda _: None)
     assert [one.shape["n"] for one in others[-1].laws if one.key == STOP.key] == [1.0]
     assert fall_of(space, [best, SPRING, BAR]) - fall_of(space, [bent, SPRING, BAR]) < SELECTION.least_refinement_fall
+
+
+def test_constants_with_which_nothing_stands_in_the_fit_are_not_taken(
+    space: ScoreTests, monkeypatch: pytest.MonkeyPatch
+):
+    """The only law found, whose size with better constants no car has, say: it would be lost."""
+    found = begun(space, [TOO_LATE])
+    assert [law.key for law in found.laws] == [STOP.key]
+    (*_, moved) = with_other_constants(found, 0, lambda _: None)
+    assert moved.needed == {STOP.key}
+    monkeypatch.setattr(rounds, "with_other_constants", lambda *given: [moved])
+    monkeypatch.setattr(rounds, "exchanged", lambda joint, seed, progress: joint)
+    assert improved(found, 0).effects[0].shape != TOO_LATE.shape
+    monkeypatch.setattr(rounds, "_refitted", lambda joint, without, *given: without)
+    assert improved(found, 0).effects == found.effects
 
 
 @pytest.mark.parametrize("stuck", [False, True])
