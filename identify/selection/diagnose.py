@@ -291,7 +291,7 @@ def _concluded(
         # Laws that change from run to run are in the last fit, and not in the car.
         formulas = propose(first if not_constant else joint.space, failing)
     scale = runs.scale() if exceeded else None
-    assumed = runs.assumed({row: floor.sigma[row] for row in unlisted})
+    assumed = runs.assumed({row: rest.forces[row][0] for row in unlisted})
     grounds = Grounds(rest.lack.ratios, rest.forces, rest.sheet, exceeded, not_constant, scale, assumed)
     verdict = Verdict.MISSING if found else Verdict.NOTHING
     if not found and (unlisted or exceeded or not_constant or of_tables):

@@ -10,6 +10,7 @@ import numpy as np
 
 from lacet.daq.assumptions import Assumption
 from lacet.identify.car.rows import ROWS, Row, RowAbsence, needs
+from lacet.identify.intervals import TWO_SIDED_95
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.tolerances import ASSUMED
@@ -68,14 +69,14 @@ def row_sources(fitted: Fit) -> list[RowSource]:
     return out
 
 
-def assumed_channels(fitted: Fit, floors: Mapping[Row, float]) -> dict[Row, tuple[str, ...]]:
-    """Row → channels assumed in some run, of rows that the assumptions, one tolerance each, move by the floor or more.
+def assumed_channels(fitted: Fit, rests: Mapping[Row, float]) -> dict[Row, tuple[str, ...]]:
+    """Row → channels assumed in some run, of rows that the assumptions may move by as much as remains in them (95 %).
 
-    `floors` : row → its noise floor [N or N·m], of the rows asked for.
+    `rests` : row → RMS of what remains above its floor [N or N·m], of the rows asked for.
     """
     out: dict[Row, dict[str, None]] = {}
-    for one in row_sources(fitted) if floors else ():
-        if one.assumed and one.moved >= floors.get(one.row, np.inf):
+    for one in row_sources(fitted) if rests else ():
+        if one.assumed and TWO_SIDED_95 * one.moved >= rests.get(one.row, np.inf):
             out.setdefault(one.row, {}).update(dict.fromkeys(one.assumed))
     return {row: tuple(channels) for row, channels in out.items()}
 

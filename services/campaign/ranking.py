@@ -190,9 +190,9 @@ class CampaignRanking:
     def scale(self) -> None:
         """None: the runs are elsewhere."""
 
-    def assumed(self, floors: Mapping[Row, float]) -> Mapping[Row, tuple[str, ...]]:
+    def assumed(self, rests: Mapping[Row, float]) -> Mapping[Row, tuple[str, ...]]:
         """Nothing: the runs are elsewhere."""
-        del floors
+        del rests
         return {}
 
     def products(

@@ -234,9 +234,13 @@ def _unlisted(d: Diagnosis) -> str:
         return _with_law(_not_constant(d), d.formulas)
     if not d.unlisted_rows:
         return "Something is missing, and these runs do not show what: the effects found, or what a bench table says."
+    where = (
+        "in rows that stand on assumed channels" if {*d.unlisted_rows} <= {*grounds.assumed}
+        else "and the cause is not listed"
+    )  # fmt: skip
     text = (
-        f"The model fails ({_times_floor(d)} times the floor) and the cause is not listed: no effect of the catalogue "
-        f"explains it with a plausible size, beyond chance, and what remains is not noise."
+        f"The model fails ({_times_floor(d)} times the floor) {where}: no effect of the catalogue explains it with a "
+        f"plausible size, beyond chance, and what remains is not noise."
     )
     text += f" {_not_constant(d)}" if grounds.not_constant else ""
     text += f"{_on_assumptions(d)}{_beyond_plausible(d)}{_from_outside(d)}"

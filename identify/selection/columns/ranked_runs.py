@@ -102,8 +102,8 @@ class RankedRuns(Protocol):
         """How well the scale of the fit is known; None where a run measures wheel loads, or is not at hand."""
         ...
 
-    def assumed(self, floors: Mapping[Row, float]) -> Mapping[Row, tuple[str, ...]]:
-        """Row → channels assumed whose error matters in it (`assumed_channels`); empty where no run is at hand."""
+    def assumed(self, rests: Mapping[Row, float]) -> Mapping[Row, tuple[str, ...]]:
+        """Row → channels assumed whose error its rest may be (`assumed_channels`); empty where no run is at hand."""
         ...
 
     def products(
@@ -218,9 +218,9 @@ class LocalRuns:
         """How well the scale of the fit is known; None where a run measures wheel loads."""
         return known_scale(self.fit, estimates(self.fit, None, self.fit.runs))
 
-    def assumed(self, floors: Mapping[Row, float]) -> Mapping[Row, tuple[str, ...]]:
-        """Row → channels assumed whose error matters in it."""
-        return assumed_channels(self.fit, floors)
+    def assumed(self, rests: Mapping[Row, float]) -> Mapping[Row, tuple[str, ...]]:
+        """Row → channels assumed whose error its rest may be."""
+        return assumed_channels(self.fit, rests)
 
     def products(
         self, floor: NoiseFloor, layout: Layout, prior_stiffening: float, drifts: Mapping[str, float], seed: int,

@@ -193,9 +193,9 @@ def test_what_vertical_loads_leave_out_is_said() -> None:
     assert not any(row.combined for row in sources)
     assumed = {row: tuple(one.assumed) for row, one in sources.items() if one.assumed}
     assert assumed_channels(found, dict.fromkeys(assumed, 0.0)) == assumed != {}
-    floors = {row: sources[row].moved for row in assumed}
-    assert assumed_channels(found, floors) == assumed
-    assert not assumed_channels(found, {row: 1.01 * size for row, size in floors.items()})
+    rests = {row: 1.96 * sources[row].moved for row in assumed}
+    assert assumed_channels(found, rests) == assumed
+    assert not assumed_channels(found, {row: 1.01 * size for row, size in rests.items()})
     driven, free = (to_add(row, sources[row].absence) for row in SPIN_ROWS[::2])
     brake = "brake.{}.torque (or brake.pressure, a run with brakes = 'off')"
     assert driven == f"needs: wheel.fl.moment, shaft.fl.torque, {brake.format('fl')}"

@@ -121,6 +121,9 @@ def test_rows_on_assumed_channels_may_have_no_more_than_the_error_of_these(
     assert sentence in says(found)
     alone = replace(found, found=(), grounds=replace(found.grounds, not_constant={}))
     assert sentence in says(alone)
+    assert "and the cause is not listed" in says(alone)
+    every = replace(alone.grounds, assumed=dict.fromkeys(found.unlisted_rows, ("laser.fl.hub",)))
+    assert "times the floor) in rows that stand on assumed channels: no" in says(replace(alone, grounds=every))
     assert sentence not in says(replace(alone, grounds=replace(alone.grounds, assumed={})))
 
 
