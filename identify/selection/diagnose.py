@@ -214,7 +214,9 @@ def _as_found(joint: Joint, effect: Effect, draws: int) -> Candidate:
     """
     (c,) = (one for one in joint.alone if one.key == effect.key)
     if effect in joint.removed:
-        return replace(judged(c, effect, draws), answer=Answer.MISSING, reason=Reason.PASSES)
+        alike = {one.key: joint.first.correlation(c.key, one.key) for one in joint.alone if one.tested and one is not c}
+        same = tuple((key, r) for key, r in alike.items() if r >= SELECTION.same_correlation)
+        return replace(judged(c, effect, draws), answer=Answer.MISSING, reason=Reason.PASSES, ties=same)
     fitted = joint.space.fitted
     at = [fitted.model.names.index(q.name) for q in effect.parameters]
     sigma = np.sqrt(np.diag(sum(fitted.covariances_searched)))[at]

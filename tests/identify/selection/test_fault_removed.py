@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pytest
 
 from lacet.identify.effects.base import SensorFault
 from lacet.identify.regression.sums.prepared_runs import recording_without_faults
 from lacet.identify.regression.wls import Fit, FitOptions, extended, fit, refitted
+from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.chow_test import ParameterConstancy, chow_test_in_model
 from lacet.identify.selection.columns.linearisation import Linearisation
-from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.diagnose import _as_found, diagnose
 from lacet.identify.selection.diagnosis import Diagnosis
+from lacet.identify.selection.joint.refits import Joint
 from lacet.identify.selection.rest import AddedLaw, added_faults, departures_on_rows
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.signals.reconstruct import Recording
@@ -115,3 +120,16 @@ def test_a_fault_removed_from_the_runs_is_judged_by_all_of_it():
             for row, measured in piece.right.items():
                 direct = measured - piece.blocks[row] @ np.concatenate([zeros, fitted.solution])
                 np.testing.assert_allclose(direct, fitted.residual[piece.run][row], atol=1e-6 * np.ptp(measured))
+
+
+def test_a_latency_removed_from_the_runs_is_tied_with_what_looks_the_same() -> None:
+    """The inertial unit early or the lasers late: without wheel loads there is no third instrument."""
+    imu, laser, camera = (KNOWN[f"sensor_latency.{name}"] for name in ("imu", "laser", "camera"))
+    alone = tuple(
+        Candidate(one.key, {}, gain=0.9, total_gain=0.9, drop=900.0, p=0.005, values=(0.04,), interval=(0.005,))
+        for one in (imu, laser, camera)
+    )
+    alike = {laser.key: 0.9999, camera.key: 0.4}
+    first = SimpleNamespace(correlation=lambda one, other: alike[other])
+    joint = cast(Joint, SimpleNamespace(alone=alone, removed=(imu,), first=first))
+    assert _as_found(joint, imu, 199).ties == ((laser.key, 0.9999),)
