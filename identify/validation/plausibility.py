@@ -32,6 +32,9 @@ _ALIKE: Final = 0.8
 """Correlation from which two signals count as the same quantity."""
 _ROLLS: Final = 2.0
 """Speed from which wheel speeds are compared with the road speed [m/s]."""
+_STEERING: Final = "steering.angle"
+_TURNED: Final = 20.0
+"""Angle beyond the stop of any steering wheel, which lorries have at three turns [rad]."""
 _FAR: Final = 3.0
 """Distance beyond the range of any laser [m]."""
 _LIGHT: Final = 2.0
@@ -169,7 +172,8 @@ def _distances(run: PreparedRun) -> Iterator[Doubt]:
 def _angles(run: PreparedRun) -> Iterator[Doubt]:
     families = ("camera.steer", "camera.camber")
     cameras = [name for name in run.recording.signals.value if CHANNELS[name].family in families]
-    for names, size in _large(run, cameras, 1.2):
+    wheel = [_STEERING] if _STEERING in run.recording.signals.value else []
+    for names, size in (*_large(run, cameras, 1.2), *_large(run, wheel, _TURNED)):
         yield Doubt(Symptom.ANGLE_SIZE, names, size, guess="degrees")
 
 
@@ -258,10 +262,22 @@ def _leaning(run: PreparedRun) -> Iterator[Doubt]:
                 yield Doubt(Symptom.LEANING, (axle,))
 
 
+def _steering_wheel(run: PreparedRun) -> Iterator[Doubt]:
+    """The steering wheel's sign, also without a speed: a car that is driven forwards turns where it is steered."""
+    values, (speed, forwards) = run.recording.signals.value, _forwards(run)
+    if _STEERING not in values or "imu.rate" not in values:
+        return
+    keep = _usable(run, "imu.rate", _STEERING, *([speed] if speed else []))
+    keep &= np.ones_like(keep) if forwards is None else forwards > _ROLLS
+    if _slope(values[_STEERING][0][keep], run.outline.omega[2][keep])[1] < -_ALIKE:
+        yield Doubt(Symptom.STEER_SIGN, (_STEERING,))
+
+
 def _steering(run: PreparedRun) -> Iterator[Doubt]:
     (speed, forwards), signals = _forwards(run), run.recording.signals.value
     front, rear = (_present(run, "camera.{}.steer", corners) for corners in (CORNERS[:2], CORNERS[2:]))
-    if forwards is None or not front or "imu.rate" not in signals:
+    sources = run.recording.sources
+    if forwards is None or not front or "imu.rate" not in signals or any(name in sources for name in front):
         return
     steer = sum(signals[name][0] / len(names) * sign for names, sign in ((front, 1), (rear, -1)) for name in names)
     keep = (forwards > _ROLLS) & _usable(run, "imu.rate", speed, *front, *rear)
@@ -344,7 +360,7 @@ def _rolling_as_far(run: PreparedRun) -> Iterator[Doubt]:
 _CHECKS: tuple[Sequence[_Check], ...] = (
     (_gravity, _weight, _distances, _angles, _rolling),
     (_turning,),
-    (_cornering, _pushing, _steering),
+    (_cornering, _pushing, _steering, _steering_wheel),
     (_leaning,),
     (_tilting,),
     (_rolling_as_far,),

@@ -105,7 +105,8 @@ def _compared(doubt: Doubt) -> str:
         case Symptom.ROLL_RATE_SIGN | Symptom.PITCH_RATE_SIGN:
             return _tilting(doubt)
         case Symptom.STEER_SIGN:
-            return "camera steer has the sign opposite to imu.rate z: both are positive to the left"
+            steer = ", ".join(doubt.subject) or "camera steer"
+            return f"{steer} has the sign opposite to imu.rate z: both are positive to the left"
         case Symptom.STEER_SIZE:
             return f"the car turns {doubt.value:.2g} times as fast as its camera steer says: is steer in {doubt.guess}?"
         case _:

@@ -245,6 +245,27 @@ def test_travels_of_the_other_sign_are_told_as_such(kind: str, sign: float, tmp_
         )
 
 
+@pytest.mark.parametrize(
+    ("factor", "says"),
+    [
+        (17.0, ""),
+        (-17.0, "steering.angle has the sign opposite to imu.rate z: both are positive to the left"),
+        (17.0 * DEGREES, "steering.angle is up to"),
+    ],
+)
+@pytest.mark.parametrize("speed", ["correvit.speed", ""])
+def test_a_steering_wheel_of_the_other_sign_or_in_degrees_is_named(speed: str, factor: float, says: str) -> None:
+    """With a speed and without one, in place of the cameras."""
+    run = few_instruments("sine")
+    steer = run.signals["camera.fl.steer"]
+    run = without(run, "camera", *([] if speed else ["correvit"]))
+    wheel = signal_of("steering.angle", steer.t, factor * steer.values)
+    said = implausible(drive_of(replace(run, signals={**run.signals, "steering.angle": wheel})))
+    assert [line for line in said if "steering" in line] == said
+    assert bool(said) == bool(says)
+    assert all(line.startswith(says) for line in said)
+
+
 @pytest.mark.parametrize("name", ["sine", "rough", "liftoff", "sweep"])
 def test_nothing_is_said_of_sound_runs_with_few_instruments(name: str) -> None:
     assert implausible(drive_of(few_instruments(name))) == []
