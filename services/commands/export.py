@@ -73,6 +73,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _study(args: argparse.Namespace, form: Form) -> int:
     # Only here: a run is exported without what a study needs.
+    from lacet.identify.validation.score import fails, worst_row
     from lacet.services.commands.progress import Line
     from lacet.services.exports.study import identified
     from lacet.services.workspace.study import Study
@@ -88,6 +89,12 @@ def _study(args: argparse.Namespace, form: Form) -> int:
         print("not in it, or not from the runs:")
         for name, why in written.left_out.items():
             print(f"  {name}: {why}")
+    where, ratio = worst_row(study.version(args.version).result["rows"]["used"])
+    if fails(ratio):
+        print(
+            f"! this version fails ({where}, {ratio:.2f} times its noise floor): its values may be off by more than "
+            f"their intervals say; lacet diagnose {args.source} finds what it lacks"
+        )
     write_result(args.json, "export", {"output": args.output, "form": form.word, "left_out": dict(written.left_out)})
     return DONE
 

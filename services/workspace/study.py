@@ -121,6 +121,8 @@ class Study:
         """The study of a folder. Raises UsageError when it is none, or its file cannot be read."""
         path = Path(folder) / _FILE
         if not path.is_file():
+            if Path(folder).is_file():
+                raise UsageError(f"{folder} is a file; a study is a folder; make one: lacet study new DIR --use RUN…")
             raise UsageError(f"{folder} is no study (no {_FILE} in it); make one: lacet study new {folder} --use RUN…")
         try:
             data: Any = json.loads(path.read_text(encoding="utf-8"))

@@ -384,6 +384,8 @@ def test_a_folder_that_is_no_study_is_told(lacet, tmp_path: Path, command: list[
     said = lacet(*command, tmp_path, *(["anti_roll_bar.front"] if command == ["add"] else []))
     assert said.code == 2
     assert "is no study (no study.json in it); make one: lacet study new" in said.text
+    said = lacet("diagnose", written(piece(), tmp_path / "run.parquet"))
+    assert "run.parquet is a file; a study is a folder" in said.text
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"format": "lacet-study 9"}', '{"format": "lacet-study 1"}'])

@@ -102,6 +102,17 @@ def test_a_vehicle_file_loads_again_with_the_identified_values(study: Path, tmp_
         )
 
 
+def test_values_of_a_version_that_fails_are_exported_with_a_warning(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its bars are missing: springs carry their load."""
+    own = shutil.copytree(study.parent, tmp_path / "work") / study.name
+    lacet.Session(lacet.Study.open(own)).record({}, "no bars")
+    for number, warned in ((1, False), (2, True)):
+        assert main(["export", str(own), "-o", str(tmp_path / f"{number}.toml"), "--version", str(number)]) == 0
+        assert ("! this version fails (" in capsys.readouterr().out) is warned
+
+
 def test_commonroad_has_its_names_and_units(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = exported(study, tmp_path / "car.yaml").read_text(encoding="utf-8")
     found, known = yaml.safe_load(text), parameters(study)
