@@ -12,7 +12,7 @@ COLUMNS = 100
 """Widest line [characters]."""
 _TOGETHER = "\u00a0"  # a space at which no line is broken
 _MANY = 6  # number of sources with the same loss from which they are summed
-_LISTENERS = {True: "a worker listens", False: "nobody listens on the bus", None: ""}
+_LISTENERS = {True: "heard on the bus", False: "nobody listens on the bus", None: ""}
 
 
 def live_text(health: Health) -> str:

@@ -41,7 +41,7 @@ def test_a_full_rig_takes_three_lines_of_100_columns():
     first, sensors, rest = text.splitlines()
     assert first == "754 s: can0 6000/s 81 %, can1 1250/s 17 %, serial0 200/s 40 %, udp0 100/s; nothing lost"
     assert sensors.count(" 500/500") == len(full().sensors)
-    assert rest == "  41 min left; clock synchronised; a worker listens"
+    assert rest == "  41 min left; clock synchronised; heard on the bus"
     assert max(map(len, text.splitlines())) <= COLUMNS == 100
 
 
