@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lacet.identify.chains.effects import AsymmetricCoulomb, CoulombFriction, JointEffect, ViscousFriction
-from lacet.identify.chains.fit import ChainEstimate, ChainFit
+from lacet.identify.chains.fit import ChainEstimate, ChainFit, fit_chain
 from lacet.identify.chains.samples import JointSamples, Recorded
 from lacet.identify.chains.weights import FEW, serial_quantile, solved_together
 from lacet.identify.multibody.vectors import Array
@@ -22,6 +22,11 @@ _ALIKE = 1e-6
 """Difference of two likelihoods ÷ either at which two choices of signs are one: all signs turned [ratio]: numerical."""
 _PAIRS = 8
 """Draws of noise, each added and subtracted, where the first show that it may matter [count]. Source: its time."""
+_TURNS = 4.0 * np.pi
+"""Positions beyond which a turning joint may be given in degrees [rad]: few joints turn twice."""
+_CLEARLY = 0.5
+"""Error of each joint with positions read as degrees ÷ as they are, below which they are in degrees [ratio]. Source:
+far from what another law explains at every joint, and from 1."""
 _FRICTION = ViscousFriction, CoulombFriction, AsymmetricCoulomb
 """Laws whose columns have the sign of the joint's rate."""
 
@@ -53,22 +58,40 @@ class Doubts:
     wrong_signs : values that are negative beyond chance, though they cannot be, and not by the positions' noise.
     biased : values that the noise of the positions moves by a large part of their intervals (`noise_bias`).
     few : whether a joint has so few equations that its noise is hardly known (`FEW`).
+    in_degrees : whether the positions of turning joints are degrees (`in_degrees`).
     """
 
     turned: tuple[TurnedTorque, ...] = ()
     wrong_signs: tuple[ChainEstimate, ...] = ()
     biased: tuple[ChainEstimate, ...] = ()
     few: bool = False
+    in_degrees: bool = False
 
 
-def doubts_of(fitted: ChainFit, bias: Array) -> Doubts:
-    """All reasons that a fit itself gives, beside the bias (b,) by noise of the positions."""
+def doubts_of(fitted: ChainFit, bias: Array, degrees: bool = False) -> Doubts:
+    """All reasons that a fit itself gives, beside the bias (b,) by noise of the positions, and their unit."""
     names = [fitted.base.names[int(k)] for k in fitted.base.independent]
     moved = {one.name: abs(float(bias[names.index(one.name)])) for one in fitted.estimates}
     biased = tuple(one for one in fitted.estimates if moved[one.name] > SELECTION.confounded_interval * one.half)
     known = {one.name for one in biased}
     wrong = tuple(one for one in fitted.wrong_signs if one.name not in known)
-    return Doubts(turned_torques(fitted), wrong, biased, bool(np.any(fitted.freedom < FEW)))
+    return Doubts(turned_torques(fitted), wrong, biased, bool(np.any(fitted.freedom < FEW)), degrees)
+
+
+def in_degrees(fitted: ChainFit, recorded: Recorded, filters: Filters, slowest: Array) -> bool:
+    """Whether the positions of the turning joints are degrees: they are large, and fit each joint far better as such.
+
+    `slowest` : (f,) rates below which a joint's equations are left out [rad/s, m/s], as in the fit.
+    """
+    chain = fitted.model.chain
+    unit = np.array([np.pi / 180.0 if chain.joints[j - 1].sigma == 0 else 1.0 for j in chain.coupling.free])
+    if np.max(np.abs(recorded.q[:, unit < 1.0]), initial=0.0) <= _TURNS:
+        return False
+    rates = (None if x is None else x * unit for x in (recorded.qd, recorded.qdd))
+    qd, qdd = rates
+    turned = replace(recorded, q=recorded.q * unit, qd=qd, qdd=qdd)
+    other = fit_chain(fitted.model, turned.samples(filters), slowest * unit)
+    return bool(np.all(other.sigma < _CLEARLY * fitted.sigma))
 
 
 def turned_torques(fitted: ChainFit) -> tuple[TurnedTorque, ...]:

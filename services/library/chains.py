@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lacet.daq.errors import UsageError
-from lacet.identify.chains.doubts import Doubts, accounted_for, doubts_of, noise_bias
+from lacet.identify.chains.doubts import Doubts, accounted_for, doubts_of, in_degrees, noise_bias
 from lacet.identify.chains.effects import ExternalForce, JointEffect
 from lacet.identify.chains.fit import ChainEstimate, ChainFit, fit_chain
 from lacet.identify.chains.model import ChainModel
@@ -98,10 +98,11 @@ class IdentifiedChain:
 
     @cached_property
     def doubts(self) -> Doubts:
-        """What makes the fit unsound: signs of torques, values that cannot be, noise of positions, few equations."""
+        """What makes the fit unsound: signs of torques, unit or noise of positions, impossible values, few equations."""
         with one_thread():
             bias = noise_bias(self.fitted, self._recorded, self.filters, self.noise[0])
-            return doubts_of(self.fitted, bias)
+            degrees = in_degrees(self.fitted, self._recorded, self.filters, self.slowest)
+            return doubts_of(self.fitted, bias, degrees)
 
     @cached_property
     def _noise(self) -> NDArray[np.float64]:

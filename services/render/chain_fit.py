@@ -133,6 +133,8 @@ def _doubts(doubts: Doubts) -> list[str]:
         "turn its sign, or that of its position"
         for one in doubts.turned
     ]
+    if doubts.in_degrees:
+        out.insert(0, "the positions of turning joints are degrees, by their size and as each joint fits: give radians")
     if doubts.biased:
         out.append(
             f"the noise of the positions moves {_names(doubts.biased)} by more than "

@@ -67,6 +67,18 @@ def test_no_law_is_named_beside_a_torque_of_opposite_sign():
     assert right.rank().verdict == "nothing missing"
 
 
+def test_positions_in_degrees_are_said_to_be_that():
+    """No law is named, whatever seems missing then; positions that are large and are radians are in no doubt."""
+    q, tau = record(31)
+    one = identify_chain(ARM, np.degrees(q), tau, rate=RATE)
+    assert one.doubts.in_degrees
+    assert "The positions of turning joints are degrees" in str(one)
+    assert one.rank().verdict == "unsound fit"
+    more_turns = identify_chain(ARM, q + 4.0 * np.pi, tau, rate=RATE)
+    assert not more_turns.doubts.in_degrees
+    assert not found(31).doubts.in_degrees
+
+
 def test_the_noise_of_the_positions_moves_values_as_estimated():
     """One motion, a cut-off far above it: the mean error of ten records is their estimated bias."""
     q, tau = exact(60, 20.0)
