@@ -166,9 +166,7 @@ def run(args: argparse.Namespace) -> int:
     if fails(ratio) and (result["model_fails"] or not little):
         print("Values that stand on a failing row are off by more than their intervals say.")
         print("The model lacks something, or an instrument is off by what its sheet allows; to find which:")
-        print(
-            "lacet study new DIR --use RUN…, then lacet diagnose DIR. Late instruments: lacet check RUN… --only latency."
-        )
+        print("lacet study new DIR --use RUN…, then lacet diagnose DIR; late instruments: lacet check --only latency.")
     if args.rows:
         print("\n" + tables.rows(result["rows"]["used"]))
     if result["bad_seconds"]:

@@ -98,7 +98,7 @@ class IdentifiedChain:
 
     @cached_property
     def doubts(self) -> Doubts:
-        """What makes the fit unsound: signs of torques, unit or noise of positions, impossible values, few equations."""
+        """What makes the fit unsound: signs of torques, unit or noise of positions, wrong signs, few equations."""
         with one_thread():
             bias = noise_bias(self.fitted, self._recorded, self.filters, self.noise[0])
             degrees = in_degrees(self.fitted, self._recorded, self.filters, self.slowest)
