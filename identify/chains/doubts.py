@@ -87,8 +87,7 @@ def in_degrees(fitted: ChainFit, recorded: Recorded, filters: Filters, slowest: 
     unit = np.array([np.pi / 180.0 if chain.joints[j - 1].sigma == 0 else 1.0 for j in chain.coupling.free])
     if np.max(np.abs(recorded.q[:, unit < 1.0]), initial=0.0) <= _TURNS:
         return False
-    rates = (None if x is None else x * unit for x in (recorded.qd, recorded.qdd))
-    qd, qdd = rates
+    qd, qdd = (None if x is None else x * unit for x in (recorded.qd, recorded.qdd))
     turned = replace(recorded, q=recorded.q * unit, qd=qd, qdd=qdd)
     other = fit_chain(fitted.model, turned.samples(filters), slowest * unit)
     return bool(np.all(other.sigma < _CLEARLY * fitted.sigma))
