@@ -15,9 +15,12 @@ from lacet.services.render.failure_report import where_pieces
 from lacet.services.render.figures import curves, study_plots, validation_plots
 from lacet.services.render.html import details, folded, picture, table_html
 from lacet.services.render.identifiability import rows_not_judged
+from lacet.services.render.row_sources import ASSUMPTIONS_HEAD, assumptions_lines
 from lacet.services.render.rows import said_of_runs
 from lacet.services.render.study_version import Version
 from lacet.services.render.tables import Table
+
+_ASSUMED = "Given or assumed, not measured"
 
 
 def error_falls(versions: Sequence[Version]) -> str:
@@ -103,9 +106,17 @@ def parameters(now: Version) -> str:
     if now.result["whole_vehicle"]:
         title, whole = tables.whole_vehicle_table(now.result)
         pieces.append(f"<h3>{html.escape(title)}</h3>{table_html(whole)}")
+    if assumed := _assumed(now):
+        pieces.append(f"<h3>{_ASSUMED}</h3>{table_html(assumed)}")
     title = f"{len(unknown)} that cannot be identified, and why"
     why = table_html(Table(["parameter", "why"], unknown, text_columns=2))
     return folded("Parameters", *pieces, details(title, why))
+
+
+def _assumed(now: Version) -> Table | None:
+    """What the vehicle file gives, or is assumed, in place of what no channel measures; None where that is nothing."""
+    lines = assumptions_lines(now.result.get("row_sources") or ())
+    return Table(ASSUMPTIONS_HEAD, lines, text_columns=len(ASSUMPTIONS_HEAD)) if lines else None
 
 
 def rows(now: Version) -> str:
@@ -128,6 +139,8 @@ def further_tables(now: Version, versions: Sequence[Version]) -> list[tuple[str,
     out.append(("Parameters", tables.parameter_table(now.result)))
     if now.result["whole_vehicle"]:
         out.append(tables.whole_vehicle_table(now.result))
+    if assumed := _assumed(now):
+        out.append((_ASSUMED, assumed))
     out += [
         (f"Errors by row, runs {title}", tables.rows_table(now.result["rows"][kind]))
         for title, kind in (("used", "used"), ("held out", "held"))

@@ -23,6 +23,7 @@ import lacet.services.workspace.report
 from lacet.daq.formats.arrow_tables import write_columns
 from lacet.identify.car.rows import Row
 from lacet.identify.validation.score import pooled_ratio
+from lacet.services.render import study_sections
 from lacet.services.render.failure_report import where_pieces
 from lacet.services.render.figures.curves import ROOM, SCRIPT, SCRIPT_HASH, curves_html, room_of
 from lacet.services.render.figures.study_plots import fall_figure
@@ -152,6 +153,21 @@ def test_tables_are_tables(written: Path):
     result = Study.open(written).version().result
     assert [row[0] for row in cells] == [p["name"] for p in result["parameters"]]
     assert [float(row[2]) for row in cells] == pytest.approx([p["half95"] for p in result["parameters"]], rel=0.1)
+
+
+def test_what_is_given_or_assumed_stands_beside_the_parameters(written: Path):
+    """Without wheel loads every size is in proportion to a mass that the vehicle file gives."""
+    now = Study.open(written).version()
+    mass = {"name": "sprung_mass", "value": 2200.0, "tolerance": 20.0, "unit": "kg", "given": True, "source": "scales"}
+    given = replace(
+        now, result={**now.result, "row_sources": [{"row": "body.heave", "add": "", "assumptions": [mass]}]}
+    )
+    text = html.unescape(study_sections.parameters(given))
+    assert "Given or assumed, not measured" in text
+    assert all(cell in text for cell in ("sprung_mass", "2200", "kg", "scales"))
+    assert "Given or assumed, not measured" in dict(study_sections.further_tables(given, [now]))
+    without = replace(now, result={**now.result, "row_sources": []})
+    assert "Given or assumed" not in study_sections.parameters(without)
 
 
 def test_a_model_that_does_not_fail_takes_one_line(written: Path, monkeypatch: pytest.MonkeyPatch):
