@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
@@ -27,6 +27,9 @@ _TURNS = 4.0 * np.pi
 _CLEARLY = 0.5
 """Error of each joint with positions read as degrees ÷ as they are, below which they are in degrees [ratio]. Source:
 far from what another law explains at every joint, and from 1."""
+_MADE = 0.5
+"""Part of a law's size that the positions' noise moves it by, from which it may have made it [ratio]. Source: the larger
+part."""
 _FRICTION = ViscousFriction, CoulombFriction, AsymmetricCoulomb
 """Laws whose columns have the sign of the joint's rate."""
 
@@ -56,7 +59,8 @@ class Doubts:
     ----------
     turned : joints whose torques fit with the opposite sign.
     wrong_signs : values that are negative beyond chance, though they cannot be, and not by the positions' noise.
-    biased : values that the noise of the positions moves by a large part of their intervals (`noise_bias`).
+    biased : values that the noise of the positions moves by a large part of their intervals (`noise_bias`); `moved` by
+        how much, by name.
     few : whether a joint has so few equations that its noise is hardly known (`FEW`).
     in_degrees : whether the positions of turning joints are degrees (`in_degrees`).
     """
@@ -66,6 +70,7 @@ class Doubts:
     biased: tuple[ChainEstimate, ...] = ()
     few: bool = False
     in_degrees: bool = False
+    moved: Mapping[str, float] = field(default_factory=dict[str, float])
 
 
 def doubts_of(fitted: ChainFit, bias: Array, degrees: bool = False) -> Doubts:
@@ -75,7 +80,8 @@ def doubts_of(fitted: ChainFit, bias: Array, degrees: bool = False) -> Doubts:
     biased = tuple(one for one in fitted.estimates if moved[one.name] > SELECTION.confounded_interval * one.half)
     known = {one.name for one in biased}
     wrong = tuple(one for one in fitted.wrong_signs if one.name not in known)
-    return Doubts(turned_torques(fitted), wrong, biased, bool(np.any(fitted.freedom < FEW)), degrees)
+    few, by = bool(np.any(fitted.freedom < FEW)), {one.name: moved[one.name] for one in biased}
+    return Doubts(turned_torques(fitted), wrong, biased, few, degrees, by)
 
 
 def in_degrees(fitted: ChainFit, recorded: Recorded, filters: Filters, slowest: Array) -> bool:
@@ -216,11 +222,16 @@ def accounted_for(doubts: Doubts, after: Doubts, laws: Sequence[JointEffect]) ->
     """The doubts of a fit beside which `laws` seem missing, less those that they account for; `after` : with them.
 
     Values that cannot be are gone with the laws. Noise of the positions that had made a law would, added again, make as
-    much of it again: where it moves none of the laws' own sizes, it is no doubt of them.
+    much of it again: where it moves the laws' own sizes by a small part of them, it is no doubt of them.
     """
     sizes = {name for effect in laws for name in effect.parameters}
+    made = [
+        one for one in after.biased
+        if one.name in sizes and after.moved[one.name] > _MADE * abs(one.value)
+    ]  # fmt: skip
     return replace(
         doubts,
         wrong_signs=doubts.wrong_signs if after.wrong_signs else (),
-        biased=doubts.biased if sizes & {one.name for one in after.biased} else (),
+        biased=doubts.biased if made else (),
+        moved=doubts.moved if made else {},
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -118,10 +120,15 @@ def test_laws_account_for_doubts():
         return ChainEstimate(name, name, -1.0, 0.1, 0.2, 0.1)
 
     spring = [laws.JointSpring(2)]
-    before = Doubts(biased=(one("IA3"), one("K2")), wrong_signs=(one("ZZ1"),), few=True)
-    assert accounted_for(before, Doubts(biased=(one("IA3"),)), spring) == Doubts(few=True)
-    after = Doubts(biased=(one("K2"),), wrong_signs=(one("FV1"),))
+    by = {"IA3": 0.9, "K2": 0.9}
+    before = Doubts(biased=(one("IA3"), one("K2")), wrong_signs=(one("ZZ1"),), few=True, moved=by)
+    assert accounted_for(before, Doubts(biased=(one("IA3"),), moved=by), spring) == Doubts(few=True)
+    after = Doubts(biased=(one("K2"),), wrong_signs=(one("FV1"),), moved=by)
     assert accounted_for(before, after, spring) == before
+    # By more than half its interval and a twentieth of its size: noise has not made it.
+    assert accounted_for(before, replace(after, moved={"K2": 0.05}), spring) == Doubts(
+        wrong_signs=before.wrong_signs, few=True
+    )
 
 
 def test_a_verdict_is_in_doubt():
