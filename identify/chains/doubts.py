@@ -28,8 +28,8 @@ _CLEARLY = 0.5
 """Error of each joint with positions read as degrees ÷ as they are, below which they are in degrees [ratio]. Source:
 far from what another law explains at every joint, and from 1."""
 _MADE = 0.5
-"""Part of a law's size that the positions' noise moves it by, from which it may have made it [ratio]. Source: the larger
-part."""
+"""Part of a law's size that the positions' noise moves it by, from which it may have made it [ratio]. Source: the
+larger part."""
 _FRICTION = ViscousFriction, CoulombFriction, AsymmetricCoulomb
 """Laws whose columns have the sign of the joint's rate."""
 
