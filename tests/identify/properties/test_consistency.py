@@ -278,12 +278,15 @@ def test_a_consistent_fit_is_left_alone(mended: ConsistentFit) -> None:
     assert possible(again.standard, mended.fit)
 
 
-def test_the_python_of_the_page_runs(fitted: Fit, mended: ConsistentFit) -> None:
+def test_the_python_of_the_page_runs(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """As it stands, from the folder of the sources."""
+    monkeypatch.chdir(HOME)
     page = (HOME / "docs" / "consistency.md").read_text(encoding="utf-8")
     (example,) = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
-    known: dict[str, Any] = {"fitted": fitted}
+    known: dict[str, Any] = {}
     exec(compile(example, "docs/consistency.md", "exec"), known)
-    np.testing.assert_array_equal(known["mended"].fit.theta, mended.fit.theta)
+    assert known["mended"].price.distance > 1.0
+    assert capsys.readouterr().out
 
 
 def test_a_solver_that_fails_is_told(fitted: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
