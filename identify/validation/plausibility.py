@@ -276,8 +276,7 @@ def _steering_wheel(run: PreparedRun) -> Iterator[Doubt]:
 def _steering(run: PreparedRun) -> Iterator[Doubt]:
     (speed, forwards), signals = _forwards(run), run.recording.signals.value
     front, rear = (_present(run, "camera.{}.steer", corners) for corners in (CORNERS[:2], CORNERS[2:]))
-    sources = run.recording.sources
-    if forwards is None or not front or "imu.rate" not in signals or any(name in sources for name in front):
+    if forwards is None or not front or "imu.rate" not in signals:
         return
     steer = sum(signals[name][0] / len(names) * sign for names, sign in ((front, 1), (rear, -1)) for name in names)
     keep = (forwards > _ROLLS) & _usable(run, "imu.rate", speed, *front, *rear)

@@ -165,3 +165,19 @@ def test_a_driver_that_fails_ends_its_own_sensor_and_nothing_else(car, capsys):
     file.write_text(good)
     assert decoded(car, "--trust")[0] == 3
     assert "its driver failed" not in capsys.readouterr().out
+
+
+def test_a_driver_that_fails_at_the_end_is_named_too(car, capsys):
+    """No frame is unread then."""
+    file = car / "drivers/draw_wire.py"
+    end = "\n    def finish(self, state):\n        raise ValueError('no end')\n"
+    file.write_text(
+        file.read_text()
+        .replace('"bad_line": 0}', '"skipped_bytes": 0}')
+        .replace('bad_line": len', 'skipped_bytes": len')
+        + end
+    )
+    assert decoded(car, "--trust")[0] == 3
+    said = capsys.readouterr().out
+    assert "sensor draw-wires: its driver failed and decoded nothing more: ValueError: no end" in said
+    assert "0 lost" in said

@@ -311,3 +311,4 @@ def test_a_driver_that_fails_ends_its_own_sensor_and_not_the_recording(
     assert len(said) == 1
     states = [(one.name, one.state) for one in LogReader(tmp_path / "run.mcap").events() if one.state == "failed"]
     assert states == [("lasers", "failed")]
+    assert next(batches) == 4  # it is not asked again

@@ -266,6 +266,19 @@ def test_a_steering_wheel_of_the_other_sign_or_in_degrees_is_named(speed: str, f
     assert all(line.startswith(says) for line in said)
 
 
+def test_wheels_that_are_steered_by_a_wrong_steering_wheel_are_not_named_beside_it() -> None:
+    """With a ratio their angles are derived from it: the channel of the file is named."""
+    stated = "\n[assumed]\nsteering_ratio = { value = 15.0, tolerance = 0.1, unit = '-', source = 'drawing' }\n"
+    vehicle = Vehicle.parse((CAR / "vehicle.toml").read_text(encoding="utf-8") + stated)
+    run = piece("sine", 0.0, 20.0)
+    steer = run.signals["camera.fl.steer"]
+    wheel = signal_of("steering.angle", steer.t, -15.0 * steer.values)
+    run = without(run, "camera")
+    prepared = PreparedRun.of(replace(run, signals={**run.signals, "steering.angle": wheel}), vehicle, RIG)
+    assert "camera.fl.steer" in prepared.recording.sources
+    assert [line.partition(" ")[0] for line in implausible(prepared)] == ["steering.angle"]
+
+
 @pytest.mark.parametrize("name", ["sine", "rough", "liftoff", "sweep"])
 def test_nothing_is_said_of_sound_runs_with_few_instruments(name: str) -> None:
     assert implausible(drive_of(few_instruments(name))) == []

@@ -164,6 +164,10 @@ def test_the_more_laws_are_found_the_larger_a_margin_is_by_chance():
         together += any(p <= level for p in family_wise(best))
     assert alone / 400 == pytest.approx(1 - 0.99**6, abs=0.02)
     assert together / 400 <= 0.02
+    # A margin beyond all of its own is one, however large those of another law are.
+    large = Best(draws, Winner(GROOVE, None, 0.0), rng.normal(0.0, 1e3, draws))  # type: ignore[arg-type]
+    small = Best(draws, Winner(GROOVE, None, 9.0), rng.normal(0.0, 1.0, draws))  # type: ignore[arg-type]
+    assert family_wise([large, small])[1] == 1.0 / (1 + draws)
     assert family_wise([Best(draws), Best(draws)]) == [1.0, 1.0]
     assert family_wise([best[0], Best(draws)])[1] == 1.0
 
