@@ -14,6 +14,7 @@ import numpy as np
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.design.run_ranking import quantities
+from lacet.identify.properties.whole_vehicle import NAMES
 from lacet.identify.regression.wls import Fit
 from lacet.simulate import Car, Hidden, find_car
 from lacet.simulate.cars import Axle, Inertia
@@ -22,8 +23,6 @@ CLASS = "peugeot-406"
 """Simulated car whose unsprung parts, scaled by mass, and tyres replace unknown ones."""
 KNOWN = 0.1
 """Largest half-width ÷ size of an identified value that is simulated."""
-WHOLE = ("mass", "cog.x", "cog.y", "cog.z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
-"""Values of the whole vehicle."""
 MASS = 1500.0
 GYRATION = (0.41, 0.43, 0.47)
 """Radii of gyration: about x relative to the track, about y and z relative to the wheelbase (within 10 % in the class).
@@ -55,7 +54,7 @@ def known_values(vehicle: Vehicle, fitted: Fit | None, reference: str) -> dict[s
     if fitted is None:
         return out
     found = {q.name: q.value for q in quantities(fitted, vehicle).values() if q.half < KNOWN * q.size}
-    whole = {name: found.pop(name) for name in WHOLE if name in found}
+    whole = {name: found.pop(name) for name in NAMES if name in found}
     out |= found
     return out | whole if reference == "contact" else {**_with_wheels(whole, vehicle, found), **out}
 

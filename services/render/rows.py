@@ -204,10 +204,10 @@ def failing_in_one_run(runs: Mapping[str, Mapping[str, Any]], explained: Collect
     """
     over_all = row_ratios(runs)
     found = [
-        (score["ratio"], run, row, score["colour"])
+        (score["ratio"], run, row, score.get("colour", "no colour"))
         for run, scores in runs.items()
         for row, score in scores.items()
-        if fails(score["ratio"]) and score["judged"] and not fails(over_all[row]) and row not in explained
+        if fails(score["ratio"]) and score.get("judged", True) and not fails(over_all[row]) and row not in explained
     ]
     if len(runs) < 2 or not found:
         return ""

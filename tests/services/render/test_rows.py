@@ -30,3 +30,8 @@ def test_nothing_is_said_twice_nor_of_rows_that_are_not_judged() -> None:
     assert not failing_in_one_run(scores(1.31, 1.31), ())
     assert not failing_in_one_run(scores(1.31), ())
     assert not failing_in_one_run(scores(1.02, 1.01), ())
+
+
+def test_scores_of_an_older_study_say_less() -> None:
+    old = {run: {"tyre.fl": {"rms": 1.31 - k, "floor": 1.0, "ratio": 1.31 - k}} for k, run in ((0, "a"), (0.4, "b"))}
+    assert failing_in_one_run(old, ()).startswith("in a alone tyre.fl is at 1.31 of its floor (no colour)")
