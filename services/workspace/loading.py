@@ -270,8 +270,10 @@ def checked_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None) -
     drive = PreparedRun.of(run, vehicle, rig, filters)
     unusable, single = (tuple(map(channels.sentence, found)) for found in (flagged, recorded_faults(run, drive)))
     overview = drive.overview()
-    late = [plausibility.of_clocks(one) for one in differing_clocks(overview)]
-    compared = late or [plausibility.sentence(doubt) for doubt in doubtful_channels(overview)]
+    late, doubts = differing_clocks(overview), doubtful_channels(overview)
+    # Where a unit explains it, the motion is not another's; where a clock does, signs and sizes mean nothing.
+    by_clock = late and not any(doubt.guess for doubt in doubts)
+    compared = map(plausibility.of_clocks, late) if by_clock else map(plausibility.sentence, doubts)
     return CheckedRun(run, drive, unusable, single, tuple(compared))
 
 

@@ -18,9 +18,11 @@ from lacet.daq.run import Run, Signal, signal_of
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.for_equations import design_reading, for_equations
+from lacet.identify.validation.clocks import ClockDifference
 from lacet.identify.validation.plausibility import doubtful_channels
-from lacet.services.render.plausibility import sentence
-from lacet.services.workspace.loading import load
+from lacet.services.render.plausibility import of_clocks, sentence
+from lacet.services.workspace import loading
+from lacet.services.workspace.loading import checked_run, load
 from tests.support.tables import CAR, piece, without, written
 
 
@@ -407,3 +409,15 @@ def test_a_model_car_is_not_taken_for_one_in_kilonewtons() -> None:
 def test_a_user_is_told_when_runs_are_read(tmp_path: Path) -> None:
     run = written(changed(piece(), "imu.accel", "xyz", 1 / 9.80665), tmp_path / "run.parquet")
     assert any(w.endswith("is it in g?") for w in load([run], CAR / "rig.toml", CAR / "vehicle.toml").warnings)
+
+
+def test_a_unit_that_explains_a_difference_is_named_and_no_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A periodic motion in °/s is alike another's at some lag, too; where no unit explains it the clock is named."""
+    clock = ClockDifference("inertial unit", "wheel forces", 1.14, 0.94)
+    monkeypatch.setattr(loading, "differing_clocks", lambda run: [clock])
+    run = piece("sine", 0.0, 20.0)
+    degrees = changed(run, "imu.rate", "xyz", DEGREES)
+    said = checked_run(degrees, VEHICLE, RIG, None).compared
+    assert said
+    assert all("°/s" in line for line in said)
+    assert checked_run(run, VEHICLE, RIG, None).compared == (of_clocks(clock),)
