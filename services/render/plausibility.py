@@ -127,8 +127,8 @@ def of_wires(found: ExchangedWires) -> str:
             )
         case _:
             return (
-                f"wheels look exchanged ({pairs}), their dynamometers or their lasers. The loads are left out. "
-                f"{mend.format('wheel, or laser,')}"
+                f"wheels look exchanged ({pairs}): their loads, or their lasers or travels. The loads are left out. "
+                f"{mend.format('load, or laser,')}"
             )
 
 

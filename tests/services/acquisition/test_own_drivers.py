@@ -181,3 +181,13 @@ def test_a_driver_that_fails_at_the_end_is_named_too(car, capsys):
     said = capsys.readouterr().out
     assert "sensor draw-wires: its driver failed and decoded nothing more: ValueError: no end" in said
     assert "0 lost" in said
+
+
+def test_a_driver_that_cannot_count_is_named_too(car, capsys):
+    """What it decoded before stays."""
+    file = car / "drivers/draw_wire.py"
+    file.write_text(file.read_text().replace("return dict(state[1])", "return dict(state[7])"))
+    code, out = decoded(car, "--trust")
+    assert code == 3
+    assert "its driver failed and decoded nothing more: IndexError" in capsys.readouterr().out
+    assert LogReader(out).blocks()["suspension.fl.travel"].values.shape == (2, 1)

@@ -13,7 +13,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from lacet.daq.channels import CORNERS
 from lacet.daq.formats.log import LogReader
+from lacet.daq.run import signal_of
 from lacet.services.commands.__main__ import main
 from lacet.services.workspace.study import Study
 from tests.support.places import HOME
@@ -225,7 +227,20 @@ def test_without_chassis_rows_exchanged_wheels_may_be_either(lacet, tmp_path: Pa
     front = without(exchanged(piece(), "fl", "fr"), "wheel.rl.force")
     said = lacet("identify", written(front, tmp_path / "run.parquet"), *FILES)
     assert said.code == 3
-    assert "their dynamometers or their lasers. The loads are left out" in said.text
+    assert ": their loads, or their lasers or travels. The loads are left out" in said.text
+
+
+def test_exchanged_load_cells_may_be_either_and_are_left_out(lacet, tmp_path: Path, fitted: Said):
+    """The body is moved by their sum, which stays as it was."""
+    run, other = piece(), {"fl": "fr", "fr": "fl"}
+    signals = {name: signal for name, signal in run.signals.items() if not name.startswith("wheel.")}
+    for corner in CORNERS:
+        force = run.signals[f"wheel.{other.get(corner, corner)}.force"]
+        signals[f"hub.{corner}.load"] = signal_of(f"hub.{corner}.load", force.t, force.values[:, 2:])
+    said = lacet("identify", written(replace(run, signals=signals), tmp_path / "run.parquet"), *FILES)
+    assert said.code == 3
+    assert ": their loads, or their lasers or travels. The loads are left out" in said.text
+    assert not {"suspension.fl", "suspension.fr", "chassis.fz"} & said.scored
 
 
 def test_where_the_wheels_of_both_axles_are_exchanged_the_refusal_says_so(lacet, tmp_path: Path):
