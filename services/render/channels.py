@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from lacet.daq.channels import COLUMNS
+from lacet.identify.validation.channels.late_instruments import LateInstruments
 from lacet.identify.validation.channels.recorded_faults import RecordedFault
 from lacet.identify.validation.channels.recorded_values import Copies, StandStill
 from lacet.identify.validation.channels.single_faults import (
@@ -16,6 +17,7 @@ from lacet.identify.validation.channels.single_faults import (
 )
 from lacet.identify.validation.channels.sizes import LeansAlike, NegativeDistance, OtherSize, SteersAgainst, TooQuiet
 from lacet.identify.validation.channels.unusable_values import NoiseAlone, RangeEnd, SentinelValue, Unusable
+from lacet.services.render.identifiability import listed
 from lacet.services.render.intervals import with_interval
 
 
@@ -106,6 +108,8 @@ def from_equations(found: EquationFault) -> str:
             "missing effect does. Check these channels first; their scale or delay would explain most of it: "
             f"{names}"
         )
+    if isinstance(found, LateInstruments):
+        return f"{_runs(found.runs)}: {_late(found)}"
     if isinstance(found, Misplaced):
         off = ", ".join(
             f"{with_interval(1e3 * value, 1e3 * found.half[axis], '+')} mm in {axis}"
@@ -138,14 +142,32 @@ def _fault(found: ColumnFault) -> str:
                 "them: leave that part out (--from, --to)"
             )
         case Fault.LATE:
-            when = "later" if value > 0.0 else "earlier"
-            delay = with_interval(1e3 * abs(value), 1e3 * half)
             return (
-                f"{column} is {delay} ms {when} than the rig says, other channels of its instrument are not ({misfit})"
+                f"{column} is {_by(value, half)} than the rig says, other channels of its instrument are not ({misfit})"
             )
 
 
-def _misfit(found: ColumnFault | Misplaced) -> str:
+def _late(found: LateInstruments) -> str:
+    """Sentence on instruments that are late, the wheel loads where it is these."""
+    if found.loads:
+        mean, half = sum(found.delay.values()) / len(found.delay), max(found.half.values())
+        who = (
+            f"the wheel loads are {_by(-mean, half)} than the rig says, beside {listed(list(found.delay))}, which agree"
+        )
+    else:
+        by = [f"{name} by {_by(delay, found.half[name])}" for name, delay in found.delay.items()]
+        who = f"all channels of {listed(by)} than the rig says, beside the wheel loads"
+    return (
+        f"{who} ({_misfit(found)}). Correct its latency in the rig file, or the log's times: lacet check RUNS --only "
+        "latency --write-rig FILE"
+    )
+
+
+def _by(delay: float, half: float) -> str:
+    return f"{with_interval(1e3 * abs(delay), 1e3 * half)} ms {'later' if delay > 0.0 else 'earlier'}"
+
+
+def _misfit(found: ColumnFault | Misplaced | LateInstruments) -> str:
     before, after = f"{found.misfit:.3g}", f"{found.remaining:.3g}"
     return f"the car's equations leave {before} times what noise explains, and {after} without that"
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lacet.daq.channels import CHANNELS
+from lacet.daq.rig import Rig
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import PhysicalEffect
 from lacet.identify.effects.catalogue import catalogue
@@ -36,10 +37,11 @@ _PRIORS = 1e-3
 
 
 _ANY_DELAY = 0.05
-"""Prior of the delay of a whole instrument, 1 σ [s]: `lacet check` estimates it, here it is not to be blamed on one of
-its channels."""
+"""Prior of the delay of a whole instrument, 1 σ [s]: it is not to be blamed on one of its channels."""
 LATE = 0.010
 """Delay from which a column, or an instrument, is late [s]: several times what sensor sheets leave open."""
+_NO_DELAY = 1e-6
+"""Prior of a delay that is the rig's, 1 σ [s]."""
 _ANYWHERE = 0.5
 """Prior of the inertial unit's position error, 1 σ [m]."""
 _UNIT = "imu.accel"
@@ -72,6 +74,18 @@ class FaultEstimate:
 
 
 @dataclass(frozen=True)
+class DelayEstimate:
+    """Estimate of a whole instrument's delay behind the wheel loads, beyond the rig's: value and 1 σ [s].
+
+    `noise` : part of the sheet's noise in what the delay changes; where it is not small, it makes the estimate smaller.
+    """
+
+    delay: float
+    spread: float
+    noise: float
+
+
+@dataclass(frozen=True)
 class PositionEstimate:
     """Estimate of the inertial unit's position error, its three axes together.
 
@@ -99,7 +113,10 @@ class FaultColumns:
     noise, signal : (c, 2) variance of the sheet's noise, and of the column, of its values and of its rate, up to the
         fit's cut-off, times the number of samples.
     count : number of samples.
-    unit_delay : place of the inertial unit's delay in the nuisance.
+    instruments : instruments whose delays are the last of the nuisance, in their order; empty for that of the wheel
+        loads, of which other channels may be late.
+    noise_of_delays : (k,) squares that the sheet's noise alone has in the change by each of these delays.
+    with_unit : which of them is the inertial unit; −1 without one.
     """
 
     columns: tuple[str, ...]
@@ -110,7 +127,9 @@ class FaultColumns:
     noise: Array
     signal: Array
     count: int
-    unit_delay: int
+    instruments: tuple[str, ...]
+    noise_of_delays: Array
+    with_unit: int
 
     @classmethod
     def of(cls, run: PreparedRun) -> FaultColumns | None:
@@ -144,7 +163,9 @@ class FaultColumns:
         floor = _floor(run, sensitivity)
         channels = sensitivity.channels
         changes = [_changes(run, sensitivity, channel) for channel in channels]
-        delays = _of_instruments(recording, {c: fault for c, (_, fault) in zip(channels, changes, strict=True)})
+        each = list(zip(channels, changes, strict=True))
+        delays = _of_instruments(recording, {c: {row: a[1::2] for row, a in one.faults.items()} for c, one in each})
+        noises = _of_instruments(recording, {c: one.noise for c, one in each})
         unit = [_of_position(run, sensitivity, axis) for axis in "xyz"]
         columns = [(channel, column) for channel in channels for column in CHANNELS[channel].columns]
         rig = recording.rig
@@ -152,9 +173,9 @@ class FaultColumns:
         variances = [_variances(run, channel) for channel in channels]
 
         def products(row: Row) -> Array:
-            found = [zero[row].T for zero, _ in changes]
+            found = [one.zeros[row].T for one in changes]
             found.append(run.matrix(effects, row))
-            found += [some[row].T for some in (*delays.values(), *(fault for _, fault in changes))]
+            found += [some[row].T for some in (*delays.values(), *(one.faults for one in changes))]
             found.append(np.stack([*(axis[row] for axis in unit), run.measured[row]], axis=1))
             table = np.concatenate(found, axis=1) / floor[row]
             return np.stack([block.T @ block for block in np.array_split(table, BLOCKS)])
@@ -175,7 +196,9 @@ class FaultColumns:
                     recording.t.size * np.concatenate([noise for noise, _ in variances]),
                     recording.t.size * np.concatenate([signal for _, signal in variances]),
                     sum(len(run.index[row]) for row in rows),
-                    len(priors) + list(delays).index(_UNIT) if _UNIT in delays else -1,
+                    tuple(_named(recording, channel) for channel in delays),
+                    sum(np.array([np.sum(one[row] ** 2) for one in noises.values()]) / floor[row] ** 2 for row in rows),
+                    list(delays).index(_UNIT) if _UNIT in delays else -1,
                 )
             )
         return out
@@ -195,6 +218,7 @@ class FaultColumns:
             halves=np.concatenate([part.halves for part in parts]),
             noise=np.sum([part.noise for part in parts], axis=0),
             signal=np.sum([part.signal for part in parts], axis=0),
+            noise_of_delays=np.sum([part.noise_of_delays for part in parts], axis=0),
             count=sum(part.count for part in parts),
         )
 
@@ -231,13 +255,34 @@ class FaultColumns:
         shown = np.array([float(one[place, place]) > 0.0 for one in each])
         return np.where(shown, [1.0 - float(_single(one)[place]) for one in each], np.nan)
 
-    def _delay_of_unit(self, gram: Array) -> float:
-        """Delay of the inertial unit as a whole [s]; 0 without one."""
-        q = self.priors.size
+    @property
+    def misfit_as_stamped(self) -> float:
+        """The misfit with the delays of all instruments as the rig says."""
+        count = len(self.instruments)
+        priors = np.concatenate([self.priors[: self.priors.size - count], np.full(count, _NO_DELAY)])
+        return float(_reduced(self.whole, priors)[-1, -1]) / self.count
+
+    def instrument_delays(self) -> dict[str, DelayEstimate]:
+        """Delay of each instrument as a whole, all together beside the laws' parameters; not that of the wheel loads.
+
+        One that the runs do not show is near 0 in every block, and has the spread of what is known beforehand.
+        """
+        delays, known = self._delays(self.whole)
+        blocks = _jackknife(np.stack([self._delays(part)[0] for part in self.left_out]))
+        spread = np.maximum(blocks, known * max(1.0, self.misfit**0.5))
+        shown = np.maximum(0.0, known**-2 - _ANY_DELAY**-2)  # what the laws' parameters do not take of the change
+        part = np.divide(self.noise_of_delays, shown, out=np.ones(shown.shape), where=shown > 0.0)
+        each = zip(self.instruments, delays.tolist(), spread.tolist(), part.tolist(), strict=True)
+        return {name: DelayEstimate(delay, sigma, ratio) for name, delay, sigma, ratio in each if name}
+
+    def _delays(self, gram: Array) -> tuple[Array, Array]:
+        """Delays of the instruments as wholes, and their 1 σ by noise and priors alone [s]."""
+        q, first = self.priors.size, self.priors.size - len(self.instruments)
         size = 1.0 / np.sqrt(np.diag(gram)[:q] + 1.0 / self.priors**2)
         nuisance = (gram[:q, :q] + np.diag(1.0 / self.priors**2)) * size * size[:, None]
-        found = size * np.linalg.solve(nuisance, size * gram[:q, -1])
-        return float(found[self.unit_delay]) if self.unit_delay >= 0 else 0.0
+        solved = np.linalg.solve(nuisance, np.column_stack([size * gram[:q, -1], np.eye(q)[:, first:]]))
+        sigma = size[first:] * np.sqrt(np.diag(solved[first:, 1:]))
+        return size[first:] * solved[first:, 0], sigma
 
     def unit_position(self) -> PositionEstimate | None:
         """The position error of the inertial unit; None where no row depends on it.
@@ -245,7 +290,8 @@ class FaultColumns:
         None, too, where the unit as a whole is `LATE`: its delay is removed here to first order only.
         """
         whole = _reduced(self.whole, self.priors)
-        if not np.all(np.diag(whole)[-4:-1] > 0.0) or abs(self._delay_of_unit(self.whole)) > LATE:
+        late = self.with_unit >= 0 and abs(float(self._delays(self.whole)[0][self.with_unit])) > LATE
+        if late or not np.all(np.diag(whole)[-4:-1] > 0.0):
             return None
         value = _three(whole)
         spread = _jackknife(np.stack([_three(_reduced(part, self.priors)) for part in self.left_out]))
@@ -281,19 +327,35 @@ def _floor(run: PreparedRun, sensitivity: Sensitivity) -> dict[Row, float]:
     return {row: float(np.sqrt(total / _DRAWS)) or 1.0 for row, total in squares.items()}
 
 
-def _changes(run: PreparedRun, sensitivity: Sensitivity, channel: str) -> tuple[dict[Row, Array], dict[Row, Array]]:
-    """Change of the rows by a channel's zeros, row → (k, n), and by scale and delay of its columns, row → (2 k, n)."""
+@dataclass(frozen=True)
+class _Changes:
+    """Change of the rows by a channel of k columns.
+
+    `zeros` : row → (k, n) by its zeros; `faults` : row → (2 k, n) by scale and delay of each column; `noise` : row →
+    (1, n) what the delay of all changes in a draw of the sheet's noise.
+    """
+
+    zeros: dict[Row, Array]
+    faults: dict[Row, Array]
+    noise: dict[Row, Array]
+
+
+def _changes(run: PreparedRun, sensitivity: Sensitivity, channel: str) -> _Changes:
+    """Change of the rows by a channel."""
+    rate = run.recording.filters.rate
     values = run.recording.signals.value[channel]
-    rates = derivative(values, run.recording.filters.rate)
+    rates = derivative(values, rate)
     k, n = values.shape
-    change = np.zeros((k, 3 * k, n))
+    change = np.zeros((k, 3 * k + 1, n))
     for i in range(k):
         change[i, i] = 1.0
         change[i, k + 2 * i] = values[i]
         change[i, k + 2 * i + 1] = -rates[i]
+    change[:, -1] = derivative(draw_noise(run.recording, [channel], np.random.default_rng(0))[channel], rate)
     found = run.decimated(sensitivity.response({channel: change}))
-    found = {row: found.get(row, np.zeros((3 * k, len(run.index[row])))) for row in run.rows}
-    return {row: a[:k] for row, a in found.items()}, {row: a[k:] for row, a in found.items()}
+    found = {row: found.get(row, np.zeros((3 * k + 1, len(run.index[row])))) for row in run.rows}
+    zeros, faults, noise = ({row: a[part] for row, a in found.items()} for part in (np.s_[:k], np.s_[k:-1], np.s_[-1:]))
+    return _Changes(zeros, faults, noise)
 
 
 def _of_position(run: PreparedRun, sensitivity: Sensitivity, axis: str) -> dict[Row, Array]:
@@ -302,23 +364,37 @@ def _of_position(run: PreparedRun, sensitivity: Sensitivity, axis: str) -> dict[
     return {row: found.get(row, np.zeros(len(run.index[row]))) for row in run.rows}
 
 
-def _of_instruments(recording: Recording, faults: Mapping[str, Mapping[Row, Array]]) -> dict[str, dict[Row, Array]]:
-    """Change of the rows by a delay of each instrument as a whole, row → (1, n), by its first channel.
+def _of_instruments(recording: Recording, changes: Mapping[str, Mapping[Row, Array]]) -> dict[str, dict[Row, Array]]:
+    """Sum of changes of each instrument's columns, row → (1, n), by its first channel.
 
-    Without that of the wheel loads, the time base: a delay that all instruments have in common changes nothing.
+    Without the wheel loads, the time base: a delay that all instruments have in common changes nothing.
     """
     out: dict[str, dict[Row, Array]] = {}
     first: dict[str, str] = {}
-    for channel, changes in faults.items():
+    for channel, change in changes.items():
         sensor = recording.rig.sensor_of(channel)
         if sensor is None or CHANNELS[channel].family in _TIME_BASE:
             continue
         whole = out.setdefault(
-            first.setdefault(sensor.name, channel), {row: np.zeros((1, a.shape[1])) for row, a in changes.items()}
+            first.setdefault(sensor.name, channel), {row: np.zeros((1, a.shape[1])) for row, a in change.items()}
         )
-        for row, table in changes.items():
-            whole[row] = whole[row] + table[1::2].sum(axis=0)
+        for row, table in change.items():
+            whole[row] = whole[row] + table.sum(axis=0)
     return out
+
+
+def _are_of_one(rig: Rig, one: str, other: str) -> bool:
+    """Whether two channels are of one instrument."""
+    first, second = rig.sensor_of(one), rig.sensor_of(other)
+    return first is not None and second is not None and first.name == second.name
+
+
+def _named(recording: Recording, channel: str) -> str:
+    """Name of a channel's instrument; empty of that of the wheel loads."""
+    rig = recording.rig
+    loads = (name for name in recording.signals.value if CHANNELS[name].family in _TIME_BASE)
+    sensor = rig.sensor_of(channel)
+    return "" if sensor is None or any(_are_of_one(rig, channel, name) for name in loads) else sensor.name
 
 
 def _variances(run: PreparedRun, channel: str) -> tuple[Array, Array]:

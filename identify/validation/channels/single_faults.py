@@ -19,11 +19,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from lacet.daq.channels import COLUMNS
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.signals.reconstruct import Recording
-from lacet.identify.signals.spline import CubicSpline
+from lacet.identify.validation.channels.earlier import earlier
+from lacet.identify.validation.channels.evidence import CHANCE, EXPLAINS, LATE_PART, MUCH, NOISY, USUAL, is_large, reach
 from lacet.identify.validation.channels.fault_columns import (
     BLOCKS,
     LATE,
@@ -31,11 +30,8 @@ from lacet.identify.validation.channels.fault_columns import (
     FaultEstimate,
     PositionEstimate,
 )
+from lacet.identify.validation.channels.late_instruments import LateInstruments, in_common, late_instruments
 
-_CHANCE: Final = 1e-4
-"""Probability that an interval of the estimates misses the true value."""
-_USUAL: Final = 2.4
-"""Half of a 95 % interval ÷ spread, by Student's t of the blocks."""
 _TWICE: Final = 2.0
 """Factor from which a scale is no calibration error, either way."""
 _OPPOSITE: Final = 0.1
@@ -45,10 +41,8 @@ _TENFOLD: Final = 10.0
 _ANOTHER: Final = 10.0**0.5
 """Ratio of the scales of two halves of a run from which they are no one unit's: between 1 and the factor of the nearest
 other unit that is looked for."""
-_NOISY: Final = 0.1
-"""Largest part of noise in a column's variance: an estimate is low by no more than that."""
 _NOISY_SIGN: Final = 0.3
-"""The same for a wrong sign, which noise makes smaller and not another."""
+"""`NOISY` for a wrong sign, which noise makes smaller and not another."""
 _MATTERS: Final = 0.001
 """Least fall of weighted squares ÷ samples for a scale: less moves no estimate."""
 _GROSS: Final = 30.0
@@ -61,17 +55,10 @@ else is wrong may take the rest. A law that the model lacks moves the unit too, 
 _PART_OF_CHASSIS: Final = 0.5
 """Least part of the excess of the chassis rows that another place of the inertial unit takes away: more than all that
 acts on the body and is not in the model."""
-_EXPLAINS: Final = 0.8
-"""Least part of all excess over the floor that another unit takes away, or a delay."""
-_MUCH: Final = 3.0
-"""Fall of weighted squares ÷ samples of another unit, and of a delay that explains a part only: errors within a sensor
-sheet are worth less than 1, a column in thousandths has a thousandfold noise."""
 _SHOWS: Final = 0.03
 """Least fall of weighted squares ÷ samples for a delay."""
 _LITTLE: Final = 0.005
 """The same in all runs together, where a delay is the same in each."""
-_LATE_PART: Final = 0.2
-"""Least part of the excess that a delay takes away, to first order and again when it is removed."""
 _ELSEWHERE: Final = 0.02
 """Least distance from the rig's position at which the inertial unit is elsewhere [m]: less is a tape's."""
 _ALIKE: Final = 0.2
@@ -151,7 +138,7 @@ class Misplaced:
     runs: Mapping[str, tuple[float, float]]
 
 
-EquationFault = ColumnFault | Misplaced | Suspects
+EquationFault = ColumnFault | Misplaced | Suspects | LateInstruments
 """What the car's equations say of the channels of runs."""
 
 
@@ -164,7 +151,27 @@ def column_faults(runs: Sequence[PreparedRun]) -> list[EquationFault]:
     """
     runs = [next(iter(run.pieces())) for run in runs if not all(row.combined for row in run.rows)]
     products = [FaultColumns.of(run) for run in runs]
-    each = [(run, found) for run, found in zip(runs, products, strict=True) if found is not None]
+    as_recorded = [(run, found) for run, found in zip(runs, products, strict=True) if found is not None]
+    late, each = _without_delays(as_recorded)
+    return [*late, *_of_columns(each)]
+
+
+def _without_delays(
+    each: Sequence[tuple[PreparedRun, FaultColumns]],
+) -> tuple[list[LateInstruments], list[tuple[PreparedRun, FaultColumns]]]:
+    """Whole instruments that are late, and the runs with their products without these delays."""
+    late: list[LateInstruments] = []
+    out: list[tuple[PreparedRun, FaultColumns]] = []
+    for run, found in each:
+        fault = late_instruments(run, found)
+        out.append((run, found) if fault is None else (fault.run, fault.products))
+        if fault is not None:
+            late.append(fault.found)
+    return in_common(late), out
+
+
+def _of_columns(each: Sequence[tuple[PreparedRun, FaultColumns]]) -> list[EquationFault]:
+    """Single columns at fault, or those to look at, or a misplaced inertial unit."""
     out = [fault for run, found in each if (fault := _fault(run, found)) is not None]
     if len({found.columns for _, found in each}) != 1:
         return list[EquationFault](_together(out))
@@ -216,13 +223,13 @@ def _misplaced(
     half: dict[str, float] = {}
     for axis, value, spread, far in zip("xyz", found.value.tolist(), found.spread.tolist(), apart, strict=True):
         if far:
-            off[axis], half[axis] = value, _USUAL * spread
+            off[axis], half[axis] = value, USUAL * spread
     return Misplaced(off, half, misfit**0.5, max(0.0, misfit - found.fall) ** 0.5, seconds) if off else None
 
 
 def _far(found: PositionEstimate, blocks: int, least: float) -> NDArray[np.bool_]:
     """(3,) whether the unit is farther than `least` [m] from the rig's position along an axis, beyond chance."""
-    return np.abs(found.value) - _reach(blocks) * found.spread > least
+    return np.abs(found.value) - reach(blocks) * found.spread > least
 
 
 def _joint_fault(
@@ -233,12 +240,12 @@ def _joint_fault(
     if (wrong := _first_wrong_scale(runs, products, estimates, seconds)) is not None or not estimates:
         return wrong
     one = max(estimates, key=lambda one: one.delay_fall)
-    least = abs(one.delay) - _reach(products.block_count) * one.delay_spread
+    least = abs(one.delay) - reach(products.block_count) * one.delay_spread
     fall = one.delay_fall
-    if one.rate_noise > _NOISY or not least > LATE or fall < max(_LITTLE, _EXPLAINS * (misfit - 1.0)):
+    if one.rate_noise > NOISY or not least > LATE or fall < max(_LITTLE, EXPLAINS * (misfit - 1.0)):
         return None
-    half, remaining = _USUAL * one.delay_spread, max(0.0, misfit - fall) ** 0.5
-    apart = max(_ALIKE * fall, float(scipy.special.chdtri(1, _CHANCE)) / products.count)
+    half, remaining = USUAL * one.delay_spread, max(0.0, misfit - fall) ** 0.5
+    apart = max(_ALIKE * fall, float(scipy.special.chdtri(1, CHANCE)) / products.count)
     ties = tuple(other.column for other in estimates if other is not one and fall - other.delay_fall < apart)
     return ColumnFault(one.column, Fault.LATE, one.delay, half, misfit**0.5, remaining, seconds, ties=ties)
 
@@ -266,11 +273,9 @@ def _fault(run: PreparedRun, products: FaultColumns) -> ColumnFault | Suspects |
     """The fault of one run, or the columns to look at; None where the equations hold."""
     estimates, misfit, seconds = products.estimates(), products.misfit, {run.name: _seconds(run)}
     late = [
-        ColumnFault(column, Fault.LATE, delay, _USUAL * spread, misfit**0.5, remaining**0.5, seconds)
+        ColumnFault(column, Fault.LATE, delay, USUAL * spread, misfit**0.5, remaining**0.5, seconds)
         for column, delay, spread, remaining in _delays(run, estimates, misfit)
-        if remaining < _GROSS**2
-        and _is_large(misfit - remaining, misfit)
-        and abs(delay) - _reach(BLOCKS) * spread > LATE
+        if remaining < _GROSS**2 and is_large(misfit - remaining, misfit) and abs(delay) - reach(BLOCKS) * spread > LATE
     ]
     wrong = _first_wrong_scale([run], products, estimates, seconds)
     if late or wrong is not None:
@@ -281,29 +286,24 @@ def _fault(run: PreparedRun, products: FaultColumns) -> ColumnFault | Suspects |
     return Suspects(misfit**0.5, parts, seconds)
 
 
-def _is_large(fall: float, misfit: float) -> bool:
-    """Whether a delay explains all that the laws leave, or so much that a missing effect may hold the rest."""
-    return fall > _EXPLAINS * (misfit - 1.0) or fall > max(_MUCH, _LATE_PART * (misfit - 1.0))
-
-
 def _first_wrong_scale(
     runs: Sequence[PreparedRun], products: FaultColumns, estimates: Sequence[FaultEstimate],
     seconds: Mapping[str, tuple[float, float]],
 ) -> ColumnFault | None:  # fmt: skip
     """The first of the columns whose scale is certainly wrong; None where all may be right."""
-    misfit, reach = products.misfit, _reach(products.block_count)
+    misfit, most = products.misfit, reach(products.block_count)
     by_row: list[dict[str, FaultEstimate]] | None = None
     for one in estimates:
-        if (fault := _wrong_scale(one, misfit, reach * one.scale_spread)) is not None:
+        if (fault := _wrong_scale(one, misfit, most * one.scale_spread)) is not None:
             remaining = max(0.0, misfit - one.scale_fall) ** 0.5
             kind, unit = fault
             if kind is Fault.SIGN:
                 by_row = _by_row(runs) if by_row is None else by_row
                 said = [row[one.column] for row in by_row if one.column in row]
-                width = _USUAL if _is_opposite(one) else reach
-                if not any(_is_reversed(row, width) for row in said) or any(_is_sound(row, reach) for row in said):
+                width = USUAL if _is_opposite(one) else most
+                if not any(_is_reversed(row, width) for row in said) or any(_is_sound(row, most) for row in said):
                     continue
-            half = _USUAL * one.scale_spread
+            half = USUAL * one.scale_spread
             if kind is Fault.UNIT and len(runs) == 1 and _differ(parts := products.scales(one.column), half):
                 halves = tuple(parts.tolist())
                 return ColumnFault(
@@ -322,7 +322,7 @@ def _by_row(runs: Sequence[PreparedRun]) -> list[dict[str, FaultEstimate]]:
 
 
 def _is_opposite(one: FaultEstimate) -> bool:
-    return abs(one.scale + 1.0) < max(_USUAL * one.scale_spread, _OPPOSITE)
+    return abs(one.scale + 1.0) < max(USUAL * one.scale_spread, _OPPOSITE)
 
 
 def _is_reversed(one: FaultEstimate, width: float) -> bool:
@@ -330,10 +330,10 @@ def _is_reversed(one: FaultEstimate, width: float) -> bool:
     return _is_opposite(one) and one.scale + width * one.scale_spread < 1.0 / _TWICE
 
 
-def _is_sound(one: FaultEstimate, reach: float) -> bool:
+def _is_sound(one: FaultEstimate, width: float) -> bool:
     """Whether an estimate of one row is that of a sound column, and certainly of no reversed one."""
-    sound = abs(one.scale - 1.0) < max(_USUAL * one.scale_spread, _OPPOSITE)
-    return sound and one.scale - reach * one.scale_spread > -1.0 / _TWICE
+    sound = abs(one.scale - 1.0) < max(USUAL * one.scale_spread, _OPPOSITE)
+    return sound and one.scale - width * one.scale_spread > -1.0 / _TWICE
 
 
 def _differ(halves: Array, half: float) -> bool:
@@ -341,10 +341,6 @@ def _differ(halves: Array, half: float) -> bool:
     least, most = float(np.min(np.abs(halves))), float(np.max(np.abs(halves)))
     alike = float(np.prod(np.sign(halves))) > 0.0 and most < _ANOTHER * least
     return not alike and float(np.ptp(halves)) > 2.0**0.5 * half
-
-
-def _reach(blocks: int) -> float:
-    return float(scipy.special.stdtrit(blocks - 1, 1.0 - 0.5 * _CHANCE))
 
 
 def _wrong_scale(one: FaultEstimate, misfit: float, half: float) -> tuple[Fault, str] | None:
@@ -355,7 +351,7 @@ def _wrong_scale(one: FaultEstimate, misfit: float, half: float) -> tuple[Fault,
         return None
     if one.scale + half < (1.0 / _TWICE if _is_opposite(one) else -_OPPOSITE):
         return Fault.SIGN, ""
-    if one.noise > _NOISY or one.scale_fall < max(_MUCH, _EXPLAINS * (misfit - 1.0)):
+    if one.noise > NOISY or one.scale_fall < max(MUCH, EXPLAINS * (misfit - 1.0)):
         return None
     if abs(one.scale) + half < 1.0 / _TENFOLD:
         return Fault.UNIT, "thousandths of its unit"
@@ -370,15 +366,15 @@ def _delays(
     The delay is removed from the recording and estimated again until it is settled: 30 ms are more than a first-order
     estimate reaches.
     """
-    least = max(_SHOWS, _LATE_PART * (misfit - 1.0))
-    able = [one for one in estimates if one.rate_noise < _NOISY and one.delay_fall > least]
+    least = max(_SHOWS, LATE_PART * (misfit - 1.0))
+    able = [one for one in estimates if one.rate_noise < NOISY and one.delay_fall > least]
     out: list[tuple[str, float, float, float]] = []
     for one in sorted(able, key=lambda one: -one.delay_fall)[:_TRIED]:
         delay = one.delay
         for _ in range(_STEPS):
             if abs(delay) > _LATEST:
                 break
-            moved = FaultColumns.of(PreparedRun(_earlier(run.recording, one.column, delay), is_piece=True))
+            moved = FaultColumns.of(PreparedRun(earlier(run.recording, {one.column: delay}), is_piece=True))
             again = None if moved is None else next((e for e in moved.estimates() if e.column == one.column), None)
             if moved is None or again is None:
                 break
@@ -388,13 +384,3 @@ def _delays(
                 out.append((one.column, delay, now.delay_spread, remaining))
                 break
     return out
-
-
-def _earlier(recording: Recording, column: str, delay: float) -> Recording:
-    """The recording with one column read `delay` [s] later, by cubic interpolation."""
-    channel, place = COLUMNS[column]
-    values = recording.signals.value[channel.name].copy()
-    samples = np.arange(values.shape[1], dtype=float)
-    at = np.clip(samples + delay * recording.filters.rate, 0.0, samples[-1])
-    values[place] = CubicSpline.of(samples, values[place][None]).at(at)[0]
-    return recording.with_signals(recording.signals.changed({channel.name: values}, recording.filters.rate))
