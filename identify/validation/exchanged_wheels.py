@@ -94,6 +94,8 @@ def exchanged_wheels(run: PreparedRun) -> Mapping[str, str]:
     keep = reduce(np.intersect1d, (run.index[row] for row in rows))
     if keep.size < 30:
         return {}
+    if any(float(np.median(outline.tyres[row])) < 0.0 for row in rows):
+        return {}  # of the other sign, which goes against its own deflection, too
     loads: list[Array] = list(decimate(np.stack([outline.tyres[row] for row in rows]), outline.filters, keep))
     deflections = decimate(np.stack([outline.corners[c].deflection for c in corners]), outline.filters, keep)
     cost = np.ones((len(corners), len(corners)))

@@ -24,6 +24,8 @@ from lacet.identify.car.sources.completion import SPEEDS
 from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.validation.channels.fault_columns import FaultColumns
+from lacet.identify.validation.channels.late_instruments import late_instruments
 
 _DEGREE: Final = math.pi / 180.0
 _TWICE: Final = 2.0
@@ -118,14 +120,22 @@ def doubtful_channels(run: PreparedRun) -> list[Doubt]:
     """Channels whose unit, sign or axes cannot be right; empty where every check passes.
 
     Checks that compare channels run only where each channel by itself passes, so that a fault is not reported twice.
-    Source: the conventions of ``docs/channels.md``.
+    Turns and travels that are opposite as one of them is late have no wrong sign. Source: the conventions of
+    ``docs/channels.md``.
     """
-    run = run.overview()
+    seen = run.overview()
     for checks in _CHECKS:
-        found = [doubt for check in checks for doubt in check(run)]
+        found = [doubt for check in checks for doubt in check(seen)]
         if found:
-            return found
+            return [] if _tilting in checks and _has_late_instrument(run) else found
     return []
+
+
+def _has_late_instrument(run: PreparedRun) -> bool:
+    """Whether the equations of wheel loads show an instrument that is late."""
+    piece = next(iter(run.pieces()))
+    products = None if all(row.combined for row in piece.rows) else FaultColumns.of(piece)
+    return products is not None and late_instruments(piece, products) is not None
 
 
 # -- checks of one channel --------------------------------------------------------------------------------------------

@@ -128,11 +128,16 @@ def _vehicle(car: Identified, part: Path) -> tuple[str, Mapping[str, str]]:
 
     _text(part, vehicle_text(car.vehicle, car.result, car.title))
     left_out: dict[str, str] = {}
-    if extra := [key for key in car.result["effects"] if not key.startswith(_BASE)]:
+    if extra := _added(car):
         left_out["effects"] = f"the file has values for comparison, no laws: give --add {' --add '.join(extra)} again"
     if car.result["wheel_reference"] == "hub":
         left_out["mass, cog, inertia of the whole vehicle"] = "from hub loads they lack rims and tyres"
     return f"geometry as it was, {len(car.result['parameters'])} identified values", left_out
+
+
+def _added(car: Identified) -> list[str]:
+    """Keys of the effects of a model that the base model has not."""
+    return [key for key in car.result["effects"] if not key.startswith(_BASE)]
 
 
 _BASE = ("body.", "spring.", "damper.", "offset.", "outboard_mass.", "tyre_stiffness.")
@@ -159,7 +164,8 @@ def _commonroad(car: Identified, part: Path) -> tuple[str, Mapping[str, str]]:
 
     text, left_out = commonroad_text(car.vehicle, car.result, car.title)
     _text(part, text)
-    return "CommonRoad vehicle parameters", left_out
+    laws = {key: "the format has no place for it" for key in _added(car) if not key.startswith("anti_roll_bar.")}
+    return "CommonRoad vehicle parameters", {**left_out, **laws}
 
 
 def _matlab(car: Identified, part: Path) -> tuple[str, Mapping[str, str]]:

@@ -148,18 +148,10 @@ def _fault(found: ColumnFault) -> str:
 
 
 def _late(found: LateInstruments) -> str:
-    """Sentence on instruments that are late, the wheel loads where it is these."""
-    if found.loads:
-        mean, half = sum(found.delay.values()) / len(found.delay), max(found.half.values())
-        who = (
-            f"the wheel loads are {_by(-mean, half)} than the rig says, beside {listed(list(found.delay))}, which agree"
-        )
-    else:
-        by = [f"{name} by {_by(delay, found.half[name])}" for name, delay in found.delay.items()]
-        who = f"all channels of {listed(by)} than the rig says, beside the wheel loads"
+    each = [f"{one.name} is {_by(one.delay, one.half)}" for one in found.instruments]
     return (
-        f"{who} ({_misfit(found)}). Correct its latency in the rig file, or the log's times: lacet check RUNS --only "
-        "latency --write-rig FILE"
+        f"{listed(each)} than the rig says, in all its columns, beside the other instruments ({_misfit(found)}). "
+        "Correct the latency in the rig file, or the log's times: lacet check RUNS --only latency --write-rig FILE"
     )
 
 

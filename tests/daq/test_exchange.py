@@ -235,6 +235,12 @@ class TestFaults:
         assert any("'correvit.speed.x' is not numbers" in p for p in run.problems)
         assert "laser.fl.hub" in run.signals
 
+    def test_a_word_among_numbers_counts_as_missing(self, tmp_path: Path, suffix: str) -> None:
+        """That cell is named; the column's others are read."""
+        run = read_table(written(tmp_path, {**table(), "laser.fr.hub": ["1.5", " +2e0", "ERR", "4"]}, suffix))
+        assert any("'laser.fr.hub' has 1 cell that is no number" in p and "'ERR'" in p for p in run.problems)
+        np.testing.assert_array_equal(run.signals["laser.fr.hub"].values[:, 0], [1.5, 2.0, np.nan, 4.0])
+
     def test_different_stamps_are_not_written(self, tmp_path: Path, suffix: str) -> None:
         """One table has one time base: resample first; nothing to write is refused too."""
         flags = np.zeros(3, np.uint8)

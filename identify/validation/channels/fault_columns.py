@@ -12,9 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
+from numpy.typing import NDArray
 
 from lacet.daq.channels import CHANNELS
-from lacet.daq.rig import Rig
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import PhysicalEffect
 from lacet.identify.effects.catalogue import catalogue
@@ -27,6 +28,7 @@ from lacet.identify.signals.decimation import decimated
 from lacet.identify.signals.filters import derivative
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording
+from lacet.identify.validation.channels.column_kinds import LOADS, kind_of, sensors_of
 
 BLOCKS = 8
 """Blocks of a run, each left out in turn, from which the estimates have their spread (jackknife)."""
@@ -36,16 +38,16 @@ _PRIORS = 1e-3
 """Weight of the parameters' priors in the first estimate, by which the equations are linearised."""
 
 
-_ANY_DELAY = 0.05
-"""Prior of the delay of a whole instrument, 1 σ [s]: it is not to be blamed on one of its channels."""
+ANY_DELAY = 0.05
+"""Prior of the delay of an instrument, 1 σ [s]: it is not to be blamed on one of its columns."""
+_TOGETHER = 1e-5
+"""Prior of the delay of one kind of an instrument's columns behind the others, 1 σ [s]: they share their stamps."""
 LATE = 0.010
 """Delay from which a column, or an instrument, is late [s]: several times what sensor sheets leave open."""
 _NO_DELAY = 1e-6
 """Prior of a delay that is the rig's, 1 σ [s]."""
 _ANYWHERE = 0.5
 """Prior of the inertial unit's position error, 1 σ [m]."""
-_UNIT = "imu.accel"
-_TIME_BASE = ("wheel.force", "wheel.moment")
 
 
 @dataclass(frozen=True)
@@ -74,18 +76,6 @@ class FaultEstimate:
 
 
 @dataclass(frozen=True)
-class DelayEstimate:
-    """Estimate of a whole instrument's delay behind the wheel loads, beyond the rig's: value and 1 σ [s].
-
-    `noise` : part of the sheet's noise in what the delay changes; where it is not small, it makes the estimate smaller.
-    """
-
-    delay: float
-    spread: float
-    noise: float
-
-
-@dataclass(frozen=True)
 class PositionEstimate:
     """Estimate of the inertial unit's position error, its three axes together.
 
@@ -109,27 +99,27 @@ class FaultColumns:
         axes, left side], rows ÷ noise floor; the zeros of all columns are removed run by run.
     left_out : (B, w, w) the same with one block left out.
     halves : (2, w, w) the same of the first and of the second half alone; of several runs, all of theirs.
-    priors : (q,) 1 σ of the nuisance: parameters of the laws, delays of whole instruments.
+    precision : (q, q) inverse covariance beforehand of the nuisance: parameters of the laws, delays of kinds of
+        columns, of an instrument all alike.
     noise, signal : (c, 2) variance of the sheet's noise, and of the column, of its values and of its rate, up to the
         fit's cut-off, times the number of samples.
     count : number of samples.
-    instruments : instruments whose delays are the last of the nuisance, in their order; empty for that of the wheel
-        loads, of which other channels may be late.
+    kinds : kinds of columns whose delays are the last of the nuisance, in their order (`kind_of`).
+    instruments : (s, k) whether a kind is an instrument's, of those that have several.
     noise_of_delays : (k,) squares that the sheet's noise alone has in the change by each of these delays.
-    with_unit : which of them is the inertial unit; −1 without one.
     """
 
     columns: tuple[str, ...]
     whole: Array
     left_out: Array
     halves: Array
-    priors: Array
+    precision: Array
     noise: Array
     signal: Array
     count: int
-    instruments: tuple[str, ...]
+    kinds: tuple[str, ...]
+    instruments: NDArray[np.bool_]
     noise_of_delays: Array
-    with_unit: int
 
     @classmethod
     def of(cls, run: PreparedRun) -> FaultColumns | None:
@@ -164,12 +154,13 @@ class FaultColumns:
         channels = sensitivity.channels
         changes = [_changes(run, sensitivity, channel) for channel in channels]
         each = list(zip(channels, changes, strict=True))
-        delays = _of_instruments(recording, {c: {row: a[1::2] for row, a in one.faults.items()} for c, one in each})
-        noises = _of_instruments(recording, {c: one.noise for c, one in each})
+        delays = _by_kind({c: {row: a[1::2] for row, a in one.faults.items()} for c, one in each})
+        noises = _by_kind({c: one.noise for c, one in each})
         unit = [_of_position(run, sensitivity, axis) for axis in "xyz"]
         columns = [(channel, column) for channel in channels for column in CHANNELS[channel].columns]
         rig = recording.rig
-        zeros = np.array([rig.tolerance(channel, "zero") or rig.noise(channel) for channel, _ in columns])
+        sigmas = np.array([rig.tolerance(channel, "zero") or rig.noise(channel) for channel, _ in columns])
+        zeros = np.diag(sigmas**-2)
         variances = [_variances(run, channel) for channel in channels]
 
         def products(row: Row) -> Array:
@@ -192,13 +183,15 @@ class FaultColumns:
                     _reduced(total, zeros),
                     np.stack([_reduced(total - block, zeros) for block in blocks]),
                     np.stack([_reduced(half.sum(axis=0), zeros) for half in np.split(blocks, 2)]),
-                    np.concatenate([priors, np.full(len(delays), _ANY_DELAY)]),
+                    _precision(priors, _instruments(recording, tuple(delays))),
                     recording.t.size * np.concatenate([noise for noise, _ in variances]),
                     recording.t.size * np.concatenate([signal for _, signal in variances]),
                     sum(len(run.index[row]) for row in rows),
-                    tuple(_named(recording, channel) for channel in delays),
-                    sum(np.array([np.sum(one[row] ** 2) for one in noises.values()]) / floor[row] ** 2 for row in rows),
-                    list(delays).index(_UNIT) if _UNIT in delays else -1,
+                    tuple(delays),
+                    _instruments(recording, tuple(delays)),
+                    np.sum(
+                        [[np.sum(one[row] ** 2) / floor[row] ** 2 for one in noises.values()] for row in rows], axis=0
+                    ),
                 )
             )
         return out
@@ -230,13 +223,17 @@ class FaultColumns:
     @property
     def misfit(self) -> float:
         """Weighted squares that the laws leave ÷ number of samples: 1 where they lack nothing."""
-        return float(_reduced(self.whole, self.priors)[-1, -1]) / self.count
+        return self.misfit_beside(self.precision)
+
+    def misfit_beside(self, precision: Array) -> float:
+        """The misfit with another inverse covariance beforehand (q, q) of the nuisance."""
+        return float(_reduced(self.whole, precision)[-1, -1]) / self.count
 
     def estimates(self) -> list[FaultEstimate]:
         """Every column's estimates, the one that explains most first; without those that change nothing."""
-        whole = _reduced(self.whole, self.priors)
+        whole = _reduced(self.whole, self.precision)
         values = _single(whole)
-        spread = _jackknife(np.stack([_single(_reduced(part, self.priors)) for part in self.left_out]))
+        spread = jackknife(np.stack([_single(_reduced(part, self.precision)) for part in self.left_out]))
         fall = values**2 * np.diag(whole)[:-4] / self.count
         noise = np.divide(self.noise, self.signal, out=np.full(self.noise.shape, np.inf), where=self.signal > 0.0)
         out: list[FaultEstimate] = []
@@ -251,50 +248,29 @@ class FaultColumns:
     def scales(self, column: str) -> Array:
         """Scale of a column as the only one at fault, in each half of each run; NaN where a half does not show it."""
         place = 2 * self.columns.index(column)
-        each = [_reduced(half, self.priors) for half in self.halves]
+        each = [_reduced(half, self.precision) for half in self.halves]
         shown = np.array([float(one[place, place]) > 0.0 for one in each])
         return np.where(shown, [1.0 - float(_single(one)[place]) for one in each], np.nan)
 
     @property
     def misfit_as_stamped(self) -> float:
-        """The misfit with the delays of all instruments as the rig says."""
-        count = len(self.instruments)
-        priors = np.concatenate([self.priors[: self.priors.size - count], np.full(count, _NO_DELAY)])
-        return float(_reduced(self.whole, priors)[-1, -1]) / self.count
+        """The misfit with all delays as the rig says."""
+        precision = self.precision.copy()
+        precision[np.diag_indices(len(precision))] += np.where(self.are_delays, _NO_DELAY**-2, 0.0)
+        return self.misfit_beside(precision)
 
-    def instrument_delays(self) -> dict[str, DelayEstimate]:
-        """Delay of each instrument as a whole, all together beside the laws' parameters; not that of the wheel loads.
-
-        One that the runs do not show is near 0 in every block, and has the spread of what is known beforehand.
-        """
-        delays, known = self._delays(self.whole)
-        blocks = _jackknife(np.stack([self._delays(part)[0] for part in self.left_out]))
-        spread = np.maximum(blocks, known * max(1.0, self.misfit**0.5))
-        shown = np.maximum(0.0, known**-2 - _ANY_DELAY**-2)  # what the laws' parameters do not take of the change
-        part = np.divide(self.noise_of_delays, shown, out=np.ones(shown.shape), where=shown > 0.0)
-        each = zip(self.instruments, delays.tolist(), spread.tolist(), part.tolist(), strict=True)
-        return {name: DelayEstimate(delay, sigma, ratio) for name, delay, sigma, ratio in each if name}
-
-    def _delays(self, gram: Array) -> tuple[Array, Array]:
-        """Delays of the instruments as wholes, and their 1 σ by noise and priors alone [s]."""
-        q, first = self.priors.size, self.priors.size - len(self.instruments)
-        size = 1.0 / np.sqrt(np.diag(gram)[:q] + 1.0 / self.priors**2)
-        nuisance = (gram[:q, :q] + np.diag(1.0 / self.priors**2)) * size * size[:, None]
-        solved = np.linalg.solve(nuisance, np.column_stack([size * gram[:q, -1], np.eye(q)[:, first:]]))
-        sigma = size[first:] * np.sqrt(np.diag(solved[first:, 1:]))
-        return size[first:] * solved[first:, 0], sigma
+    @property
+    def are_delays(self) -> NDArray[np.bool_]:
+        """(q,) which of the nuisance are delays of kinds of columns: the last."""
+        return np.arange(len(self.precision)) >= len(self.precision) - len(self.kinds)
 
     def unit_position(self) -> PositionEstimate | None:
-        """The position error of the inertial unit; None where no row depends on it.
-
-        None, too, where the unit as a whole is `LATE`: its delay is removed here to first order only.
-        """
-        whole = _reduced(self.whole, self.priors)
-        late = self.with_unit >= 0 and abs(float(self._delays(self.whole)[0][self.with_unit])) > LATE
-        if late or not np.all(np.diag(whole)[-4:-1] > 0.0):
+        """The position error of the inertial unit; None where no row depends on it."""
+        whole = _reduced(self.whole, self.precision)
+        if not np.all(np.diag(whole)[-4:-1] > 0.0):
             return None
         value = _three(whole)
-        spread = _jackknife(np.stack([_three(_reduced(part, self.priors)) for part in self.left_out]))
+        spread = jackknife(np.stack([_three(_reduced(part, self.precision)) for part in self.left_out]))
         return PositionEstimate(value, spread, float(value @ whole[-4:-1, -1]) / self.count)
 
 
@@ -364,37 +340,30 @@ def _of_position(run: PreparedRun, sensitivity: Sensitivity, axis: str) -> dict[
     return {row: found.get(row, np.zeros(len(run.index[row]))) for row in run.rows}
 
 
-def _of_instruments(recording: Recording, changes: Mapping[str, Mapping[Row, Array]]) -> dict[str, dict[Row, Array]]:
-    """Sum of changes of each instrument's columns, row → (1, n), by its first channel.
+def _instruments(recording: Recording, kinds: Sequence[str]) -> NDArray[np.bool_]:
+    """(s, k) whether a kind of columns is an instrument's, of those that have several."""
+    sensors = [sensors_of(recording, kind) for kind in kinds]
+    several = [one for one in dict.fromkeys(sensors) if sensors.count(one) > 1]
+    return np.array([[of == one for of in sensors] for one in several], bool).reshape(len(several), len(kinds))
 
-    Without the wheel loads, the time base: a delay that all instruments have in common changes nothing.
-    """
+
+def _precision(priors: Array, instruments: NDArray[np.bool_]) -> Array:
+    """(q, q) inverse covariance beforehand of the laws' parameters and of the kinds' delays."""
+    alone = ~instruments.any(axis=0)
+    own = np.diag(np.where(alone, ANY_DELAY, _TOGETHER) ** 2)
+    delays = own + ANY_DELAY**2 * (instruments.T.astype(float) @ instruments)
+    return np.asarray(scipy.linalg.block_diag(np.diag(priors**-2), np.linalg.inv(delays)), float)
+
+
+def _by_kind(changes: Mapping[str, Mapping[Row, Array]]) -> dict[str, dict[Row, Array]]:
+    """Sum of the changes by the columns of each kind, row → (1, n); wheel loads first."""
     out: dict[str, dict[Row, Array]] = {}
-    first: dict[str, str] = {}
-    for channel, change in changes.items():
-        sensor = recording.rig.sensor_of(channel)
-        if sensor is None or CHANNELS[channel].family in _TIME_BASE:
-            continue
-        whole = out.setdefault(
-            first.setdefault(sensor.name, channel), {row: np.zeros((1, a.shape[1])) for row, a in change.items()}
-        )
+    for channel in sorted(changes, key=lambda name: CHANNELS[name].family not in LOADS):
+        change = changes[channel]
+        whole = out.setdefault(kind_of(channel), {row: np.zeros((1, a.shape[1])) for row, a in change.items()})
         for row, table in change.items():
             whole[row] = whole[row] + table.sum(axis=0)
     return out
-
-
-def _are_of_one(rig: Rig, one: str, other: str) -> bool:
-    """Whether two channels are of one instrument."""
-    first, second = rig.sensor_of(one), rig.sensor_of(other)
-    return first is not None and second is not None and first.name == second.name
-
-
-def _named(recording: Recording, channel: str) -> str:
-    """Name of a channel's instrument; empty of that of the wheel loads."""
-    rig = recording.rig
-    loads = (name for name in recording.signals.value if CHANNELS[name].family in _TIME_BASE)
-    sensor = rig.sensor_of(channel)
-    return "" if sensor is None or any(_are_of_one(rig, channel, name) for name in loads) else sensor.name
 
 
 def _variances(run: PreparedRun, channel: str) -> tuple[Array, Array]:
@@ -410,10 +379,10 @@ def _variances(run: PreparedRun, channel: str) -> tuple[Array, Array]:
     return variance(noise), variance(recording.signals.value[channel])
 
 
-def _reduced(gram: Array, priors: Array) -> Array:
+def _reduced(gram: Array, precision: Array) -> Array:
     """Products of faults and left side with the nuisance removed (partial regression, its priors as equations)."""
-    q = priors.size
-    nuisance = gram[:q, :q] + np.diag(1.0 / priors**2)
+    q = len(precision)
+    nuisance = gram[:q, :q] + precision
     size = 1.0 / np.sqrt(np.diag(nuisance))
     scaled = nuisance * size * size[:, None]
     explained = np.linalg.solve(scaled, size[:, None] * gram[:q, q:])
@@ -431,7 +400,7 @@ def _three(reduced: Array) -> Array:
     return np.asarray(np.linalg.solve(reduced[-4:-1, -4:-1] + np.eye(3) / _ANYWHERE**2, reduced[-4:-1, -1]), float)
 
 
-def _jackknife(values: Array) -> Array:
+def jackknife(values: Array) -> Array:
     """(f,) 1 σ of estimates from (B, f) those with one block left out."""
     count = len(values)
     return np.sqrt((count - 1) / count * np.sum((values - np.mean(values, axis=0)) ** 2, axis=0))

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.validation.channels.delays import instrument_delays
 from lacet.identify.validation.channels.earlier import earlier
 from lacet.identify.validation.channels.evidence import CHANCE, EXPLAINS, LATE_PART, MUCH, NOISY, USUAL, is_large, reach
 from lacet.identify.validation.channels.fault_columns import (
@@ -30,7 +31,12 @@ from lacet.identify.validation.channels.fault_columns import (
     FaultEstimate,
     PositionEstimate,
 )
-from lacet.identify.validation.channels.late_instruments import LateInstruments, in_common, late_instruments
+from lacet.identify.validation.channels.late_instruments import (
+    LateInstruments,
+    WithoutDelays,
+    in_common,
+    late_instruments,
+)
 
 _TWICE: Final = 2.0
 """Factor from which a scale is no calibration error, either way."""
@@ -59,6 +65,7 @@ _SHOWS: Final = 0.03
 """Least fall of weighted squares ÷ samples for a delay."""
 _LITTLE: Final = 0.005
 """The same in all runs together, where a delay is the same in each."""
+_UNIT: Final = "imu.accel"
 _ELSEWHERE: Final = 0.02
 """Least distance from the rig's position at which the inertial unit is elsewhere [m]: less is a tape's."""
 _ALIKE: Final = 0.2
@@ -164,10 +171,18 @@ def _without_delays(
     out: list[tuple[PreparedRun, FaultColumns]] = []
     for run, found in each:
         fault = late_instruments(run, found)
-        out.append((run, found) if fault is None else (fault.run, fault.products))
-        if fault is not None:
+        if fault is None or _is_of_one_column(run, found, fault):
+            out.append((run, found))
+        else:
             late.append(fault.found)
+            out.append((fault.run, fault.products))
     return in_common(late), out
+
+
+def _is_of_one_column(run: PreparedRun, products: FaultColumns, fault: WithoutDelays) -> bool:
+    """Whether the fault of one column alone leaves no more than delays of instruments, or kinds of columns."""
+    one = _fault(run, products)
+    return isinstance(one, ColumnFault) and one.remaining**2 <= fault.products.misfit
 
 
 def _of_columns(each: Sequence[tuple[PreparedRun, FaultColumns]]) -> list[EquationFault]:
@@ -202,6 +217,8 @@ def _misplaced(
     them, and a force on the body that the model lacks, as a trailer's, moves the unit too and explains little by it.
     """
     with_chassis = [run for run in runs if any(row.kind == "chassis" for row in run.rows)]
+    if any(_UNIT in one.kinds and abs(one.delay) > LATE for one in instrument_delays(products)):
+        return None  # to first order alone its delay is not removed
     found = products.unit_position() if with_chassis else None
     if found is None:
         return None

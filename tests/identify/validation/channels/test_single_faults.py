@@ -81,14 +81,6 @@ def test_a_late_column_is_named_with_its_delay(column: str, name: str) -> None:
     assert "ms later than the rig says" in from_equations(found)
 
 
-def test_a_whole_instrument_that_is_late_is_not_blamed_on_one_of_its_columns() -> None:
-    """`lacet check` estimates its latency."""
-    run = run_of("rough")
-    for column in ("imu.accel.x", "imu.accel.y", "imu.accel.z", "imu.rate.x", "imu.rate.y", "imu.rate.z"):
-        run = spoilt_column(run, column, "late")
-    assert column_faults([prepared(run)]) == []
-
-
 def test_runs_with_the_same_fault_share_a_line() -> None:
     runs = [prepared(spoilt_column(run_of(name), "wheel.fl.force.y", "sign")) for name in ("sine", "sweep")]
     (found,) = column_faults(runs)
