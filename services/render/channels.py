@@ -9,6 +9,7 @@ from lacet.identify.validation.channels.late_instruments import LateInstruments
 from lacet.identify.validation.channels.recorded_faults import RecordedFault
 from lacet.identify.validation.channels.recorded_values import Copies, StandStill
 from lacet.identify.validation.channels.single_faults import (
+    AboutContact,
     ColumnFault,
     EquationFault,
     Fault,
@@ -110,6 +111,11 @@ def from_equations(found: EquationFault) -> str:
         )
     if isinstance(found, LateInstruments):
         return f"{_runs(found.runs)}: {_late(found)}"
+    if isinstance(found, AboutContact):
+        return (
+            f"{_runs(found.runs)}: the wheels' moments are about the contact of tyre and road, and not about the wheel "
+            f"centre ({_misfit(found)}). Take radius × force off: moment.x + R force.y, moment.y - R force.x"
+        )
     if isinstance(found, Misplaced):
         off = ", ".join(
             f"{with_interval(1e3 * value, 1e3 * found.half[axis], '+')} mm in {axis}"
@@ -128,6 +134,9 @@ def _fault(found: ColumnFault) -> str:
     match found.fault:
         case Fault.SIGN:
             needed = with_interval(value, half)
+            if found.others:
+                each = listed([column, *found.others])
+                return f"{each} have the wrong sign: the car's equations need {needed} times the first ({misfit})"
             return f"{column} has the wrong sign: the car's equations need {needed} times it ({misfit})"
         case Fault.UNIT:
             return (
@@ -159,7 +168,7 @@ def _by(delay: float, half: float) -> str:
     return f"{with_interval(1e3 * abs(delay), 1e3 * half)} ms {'later' if delay > 0.0 else 'earlier'}"
 
 
-def _misfit(found: ColumnFault | Misplaced | LateInstruments) -> str:
+def _misfit(found: ColumnFault | Misplaced | AboutContact | LateInstruments) -> str:
     before, after = f"{found.misfit:.3g}", f"{found.remaining:.3g}"
     return f"the car's equations leave {before} times what noise explains, and {after} without that"
 

@@ -19,8 +19,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from lacet.daq.channels import COLUMNS, CORNERS
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.signals.reconstruct import Recording
 from lacet.identify.validation.channels.delays import instrument_delays
 from lacet.identify.validation.channels.earlier import earlier
 from lacet.identify.validation.channels.evidence import CHANCE, EXPLAINS, LATE_PART, MUCH, NOISY, USUAL, is_large, reach
@@ -103,6 +105,7 @@ class ColumnFault:
     runs : run → the seconds looked at, from and to.
     unit : in what the column seems to be recorded; empty where it is no question of unit.
     ties : other columns whose delay would explain as much, but for chance.
+    others : other columns with the wrong sign, beside which the value of this one is.
     halves : of an unsteady scale, true ÷ recorded value in the first and in the second half of the run.
     """
 
@@ -115,6 +118,7 @@ class ColumnFault:
     runs: Mapping[str, tuple[float, float]]
     unit: str = ""
     ties: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
     halves: tuple[float, ...] = ()
 
 
@@ -145,7 +149,16 @@ class Misplaced:
     runs: Mapping[str, tuple[float, float]]
 
 
-EquationFault = ColumnFault | Misplaced | Suspects | LateInstruments
+@dataclass(frozen=True)
+class AboutContact:
+    """Wheel moments that are about the contact of tyre and road, and not about the wheel centre."""
+
+    misfit: float
+    remaining: float
+    runs: Mapping[str, tuple[float, float]]
+
+
+EquationFault = ColumnFault | Misplaced | AboutContact | Suspects | LateInstruments
 """What the car's equations say of the channels of runs."""
 
 
@@ -187,7 +200,7 @@ def _is_of_one_column(run: PreparedRun, products: FaultColumns, fault: WithoutDe
 
 def _of_columns(each: Sequence[tuple[PreparedRun, FaultColumns]]) -> list[EquationFault]:
     """Single columns at fault, or those to look at, or a misplaced inertial unit."""
-    out = [fault for run, found in each if (fault := _fault(run, found)) is not None]
+    out = [fault for run, found in each if (fault := _with_others(run, found)) is not None]
     if len({found.columns for _, found in each}) != 1:
         return list[EquationFault](_together(out))
     seconds = {run.name: _seconds(run) for run, _ in each}
@@ -210,8 +223,10 @@ def _taken(found: Sequence[ColumnFault | Suspects], run: str) -> float:
 
 def _misplaced(
     products: FaultColumns, runs: Sequence[PreparedRun], seconds: Mapping[str, tuple[float, float]]
-) -> Misplaced | None:
+) -> Misplaced | AboutContact | None:
     """The inertial unit at a place that is certainly another than the rig's; None where it may be right.
+
+    Moments about the contacts do nearly the same as a unit that much higher, but in the rows of spinning wheels.
 
     The chassis rows alone must say so, too, and hold better for it: no law that a suspension or a tyre lacks acts in
     them, and a force on the body that the model lacks, as a trailer's, moves the unit too and explains little by it.
@@ -241,7 +256,32 @@ def _misplaced(
     for axis, value, spread, far in zip("xyz", found.value.tolist(), found.spread.tolist(), apart, strict=True):
         if far:
             off[axis], half[axis] = value, USUAL * spread
-    return Misplaced(off, half, misfit**0.5, max(0.0, misfit - found.fall) ** 0.5, seconds) if off else None
+    remaining = max(0.0, misfit - found.fall)
+    about = _about_centres(runs)
+    if about is not None and about < remaining:
+        return AboutContact(misfit**0.5, about**0.5, seconds)
+    return Misplaced(off, half, misfit**0.5, remaining**0.5, seconds) if off else None
+
+
+def _about_centres(runs: Sequence[PreparedRun]) -> float | None:
+    """Misfit of the equations with moments that were about the contacts; None of runs without moments."""
+    out: list[FaultColumns] = []
+    for run in runs:
+        recording = run.recording
+        changed: dict[str, Array] = {}
+        for corner in CORNERS:
+            moment, force = (recording.signals.value.get(f"wheel.{corner}.{kind}") for kind in ("moment", "force"))
+            if moment is None or force is None:
+                return None
+            radius = recording.vehicle.corners[corner].tyre_radius
+            about = np.stack([-radius * force[1], radius * force[0], np.zeros_like(force[2])])
+            changed[f"wheel.{corner}.moment"] = moment - about
+        signals = recording.signals.changed(changed, recording.filters.rate)
+        products = FaultColumns.of(PreparedRun(recording.with_signals(signals), is_piece=True))
+        if products is None:
+            return None
+        out.append(products)
+    return FaultColumns.joined(out).misfit
 
 
 def _far(found: PositionEstimate, blocks: int, least: float) -> NDArray[np.bool_]:
@@ -281,9 +321,41 @@ def _together(found: Sequence[ColumnFault | Suspects]) -> list[ColumnFault | Sus
     for one in found:
         if named and isinstance(one, Suspects):
             continue
-        key = (one.column, one.fault, one.halves) if isinstance(one, ColumnFault) else tuple(one.columns)
+        key = (one.column, one.fault, one.halves, one.others) if isinstance(one, ColumnFault) else tuple(one.columns)
         out[key] = replace(out[key], runs={**out[key].runs, **one.runs}) if key in out else one
     return list(out.values())
+
+
+def _with_others(run: PreparedRun, products: FaultColumns) -> ColumnFault | Suspects | None:
+    """The fault of one run; a column with the wrong sign with those found as it is turned round, one after another."""
+    first = one = _fault(run, products)
+    turned: list[str] = []
+    found = products
+    while isinstance(one, ColumnFault) and one.fault is Fault.SIGN and one.column not in turned:
+        turned.append(one.column)
+        reversed_ = PreparedRun(_turned(run.recording, turned), is_piece=True)
+        again = FaultColumns.of(reversed_)
+        if again is None:
+            break
+        found, one = again, _fault(reversed_, again)
+    values = {one.column: one for one in found.estimates()}
+    better = len(turned) > 1 and found.misfit < products.misfit
+    if not isinstance(first, ColumnFault) or not better or first.column not in values:
+        return first
+    value = values[first.column]
+    return replace(
+        first, value=-value.scale, half=USUAL * value.scale_spread, remaining=found.misfit**0.5,
+        others=tuple(turned[1:]),
+    )  # fmt: skip
+
+
+def _turned(recording: Recording, columns: Sequence[str]) -> Recording:
+    """The recording with these columns of the other sign."""
+    changed: dict[str, Array] = {}
+    for column in columns:
+        channel, place = COLUMNS[column]
+        changed.setdefault(channel.name, recording.signals.value[channel.name].copy())[place] *= -1.0
+    return recording.with_signals(recording.signals.changed(changed, recording.filters.rate))
 
 
 def _fault(run: PreparedRun, products: FaultColumns) -> ColumnFault | Suspects | None:

@@ -14,7 +14,7 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import Row
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.validation.channels.fault_columns import FaultColumns
-from lacet.identify.validation.channels.single_faults import ColumnFault, Fault, Suspects, column_faults
+from lacet.identify.validation.channels.single_faults import AboutContact, ColumnFault, Fault, Suspects, column_faults
 from lacet.services.render.channels import from_equations
 from lacet.simulate import exchange_run, make_manoeuvre
 from lacet.simulate import run as simulate_drive
@@ -45,6 +45,37 @@ def test_a_wrong_sign_is_named_with_the_factor_that_the_equations_need(column: s
     assert found.value == pytest.approx(-1.0, abs=max(0.1, 2.0 * found.half))
     assert found.remaining < found.misfit
     assert f"{column} has the wrong sign" in from_equations(found)
+
+
+def test_wheels_with_mirrored_axes_are_named_together() -> None:
+    """Of the right side, as of a maker whose axes point outwards: of the second is seen what the first has hidden."""
+    run = run_of("sine")
+    mirrored = ("wheel.fr.force.y", "wheel.rr.force.y")
+    for column in mirrored:
+        run = spoilt_column(run, column, "sign")
+    (found,) = column_faults([prepared(run)])
+    assert isinstance(found, ColumnFault)
+    assert sorted([found.column, *found.others]) == sorted(mirrored)
+    assert found.value == pytest.approx(-1.0, abs=0.1)
+    assert "have the wrong sign: the car's equations need" in from_equations(found)
+
+
+def test_moments_about_the_contacts_are_no_higher_inertial_unit() -> None:
+    """Both do the same to the moments of the whole car; the spin rows of free wheels know the one from the other."""
+    runs: list[PreparedRun] = []
+    for name in ("sine", "liftoff"):
+        run = run_of(name)
+        for corner in ("fl", "fr", "rl", "rr"):
+            radius = VEHICLE.corners[corner].tyre_radius
+            of_x, of_y = (series_of(run, f"wheel.{corner}.moment.{axis}") for axis in "xy")
+            side, along = (series_of(run, f"wheel.{corner}.force.{axis}") for axis in "yx")
+            run = with_column(run, f"wheel.{corner}.moment.x", of_x - radius * side)
+            run = with_column(run, f"wheel.{corner}.moment.y", of_y + radius * along)
+        runs.append(prepared(run))
+    (found,) = column_faults(runs)
+    assert isinstance(found, AboutContact)
+    assert found.remaining < found.misfit
+    assert "about the contact of tyre and road" in from_equations(found)
 
 
 @pytest.mark.parametrize("column", ["wheel.fl.moment.x", "wheel.fr.force.y"])
