@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
@@ -26,6 +26,7 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.validation.channels.fault_columns import FaultColumns
 from lacet.identify.validation.channels.late_instruments import late_instruments
+from lacet.identify.validation.channels.speed_agreement import disagreement, is_compared, usable_samples
 
 _DEGREE: Final = math.pi / 180.0
 _TWICE: Final = 2.0
@@ -52,6 +53,8 @@ a turn, which is no spring's doing, turn it less about the other axis."""
 _STIFF: Final = 5.0
 """Roll of the body ÷ roll by the travels of an axle, or the reverse, that no tyre explains. Source: a choice; 25 sound
 runs of two cars have 1.06 to 1.26, stiff springs on soft tyres more."""
+_QUARTER: Final = 0.25
+"""Part of the disagreement of two instruments that a sign leaves, at most, to be the wrong one."""
 _STEP: Final = 0.2
 """Time step over which attitude and travels are compared with the integral of the rates [s]."""
 _LEAST: Final = 30
@@ -76,6 +79,8 @@ class Symptom(Enum):
     WHEEL_SPEED_SIZE = auto()
     ATTITUDE_SIGN = auto()
     ATTITUDE_SIZE = auto()
+    ATTITUDE_EXCHANGED = auto()
+    SPEED_SIDE_SIGN = auto()
     CORNERING_SIGN = auto()
     CORNERING_SIZE = auto()
     FORCE_SIGN = auto()
@@ -119,16 +124,20 @@ _Check = Callable[[PreparedRun], Iterator[Doubt]]
 def doubtful_channels(run: PreparedRun) -> list[Doubt]:
     """Channels whose unit, sign or axes cannot be right; empty where every check passes.
 
-    Checks that compare channels run only where each channel by itself passes, so that a fault is not reported twice.
+    Checks that compare channels run only where each of these by itself passes, so that a fault is not reported twice.
     Turns and travels that are opposite as one of them is late have no wrong sign. Source: the conventions of
     ``docs/channels.md``.
     """
     seen = run.overview()
+    out: list[Doubt] = []
+    doubtful: set[str] = set()
     for checks in _CHECKS:
-        found = [doubt for check in checks for doubt in check(seen)]
-        if found:
-            return [] if _tilting in checks and _has_late_instrument(run) else found
-    return []
+        found = {check: list(check(seen)) for check, quantities in checks.items() if not doubtful & quantities}
+        if found.get(_tilting) and _has_late_instrument(run):
+            continue
+        out += [doubt for each in found.values() for doubt in each]
+        doubtful |= {quantity for check, each in found.items() if each for quantity in checks[check]}
+    return out
 
 
 def _has_late_instrument(run: PreparedRun) -> bool:
@@ -223,6 +232,11 @@ def _turning(run: PreparedRun) -> Iterator[Doubt]:
     keep = _usable(run, "imu.attitude", "imu.rate")
     keep = keep[step:] & keep[:-step]
     by_rate = _turned(run)
+    angles = attitude[:2, step:] - attitude[:2, :-step]
+    alike = np.array([[_slope(by_rate[i, keep], angle[keep])[1] for i in range(2)] for angle in angles])
+    if np.all(np.abs(alike[[0, 1], [1, 0]]) > _ALIKE) and not np.any(np.abs(np.diag(alike)) > _ALIKE):
+        yield Doubt(Symptom.ATTITUDE_EXCHANGED)
+        return
     for k, (angle, axis) in enumerate((("roll", "x"), ("pitch", "y"), ("yaw", "z"))):
         turned = attitude[k, step:] - attitude[k, :-step]
         slope, alike = _slope(by_rate[k, keep], turned[keep])
@@ -243,6 +257,22 @@ def _cornering(run: PreparedRun) -> Iterator[Doubt]:
         yield Doubt(Symptom.CORNERING_SIGN)
     elif alike > _ALIKE and not _near(slope):
         yield Doubt(Symptom.CORNERING_SIZE, value=slope, guess=_guess(slope, {_DEGREE: "°/s"}))
+
+
+def _sliding(run: PreparedRun) -> Iterator[Doubt]:
+    """The speed to the side, of which the rate is what acceleration, yaw rate and attitude leave for it."""
+    recording = run.recording
+    if not is_compared(recording):
+        return
+    value = dict(recording.signals.value)
+    value["correvit.speed"] = value["correvit.speed"] * np.array([[1.0], [-1.0]])
+    changed = recording.signals.changed(value, recording.filters.rate)
+    keep = usable_samples(recording)
+    own, reversed_ = (
+        float(np.var(found[1, keep])) for found in (disagreement(recording), disagreement(recording, changed))
+    )
+    if reversed_ < _QUARTER * own:
+        yield Doubt(Symptom.SPEED_SIDE_SIGN, ("correvit.speed.y",))
 
 
 def _pushing(run: PreparedRun) -> Iterator[Doubt]:
@@ -366,14 +396,22 @@ def _rolling_as_far(run: PreparedRun) -> Iterator[Doubt]:
         yield Doubt(Symptom.TRAVEL_SIZE, tuple(found), float(np.mean(list(found.values()))))
 
 
-_CHECKS: tuple[Sequence[_Check], ...] = (
-    (_gravity, _weight, _distances, _angles, _rolling),
-    (_turning,),
-    (_cornering, _pushing, _steering, _steering_wheel),
-    (_leaning,),
-    (_tilting,),
-    (_rolling_as_far,),
-)
+_CHECKS: tuple[Mapping[_Check, Set[str]], ...] = (
+    {
+        _gravity: {"accel"}, _weight: {"loads"}, _distances: {"travels"}, _angles: {"cameras", "steering"},
+        _rolling: {"speed", "wheel speeds"},
+    },
+    {_turning: {"rate", "attitude"}},
+    {
+        _cornering: {"accel", "rate", "speed"}, _sliding: {"accel", "rate", "attitude", "speed"},
+        _pushing: {"accel", "loads"}, _steering: {"cameras", "rate", "speed"},
+        _steering_wheel: {"steering", "rate", "speed"},
+    },
+    {_leaning: {"accel", "travels"}},
+    {_tilting: {"accel", "rate", "travels"}},
+    {_rolling_as_far: {"accel", "rate", "travels"}},
+)  # fmt: skip
+"""Checks with the quantities that each judges or compares, one level after another."""
 
 
 # -- shared by the checks ---------------------------------------------------------------------------------------------

@@ -40,6 +40,8 @@ def sentence(doubt: Doubt) -> str:
             angle, axis = doubt.subject
             axes = ", in body axes" if doubt.in_body_axes else ""
             return f"imu.attitude {angle} turns against imu.rate {axis}{axes}: one of them has the wrong sign"
+        case Symptom.ATTITUDE_EXCHANGED:
+            return "imu.attitude roll turns as imu.rate y says, and pitch as imu.rate x: roll and pitch are exchanged"
         case Symptom.ATTITUDE_SIZE:
             angle, axis = doubt.subject
             return f"imu.attitude {angle} turns {value:.3g} times as fast as imu.rate {axis} says{_unit(doubt)}"
@@ -64,6 +66,11 @@ def _speed(doubt: Doubt) -> str:
 def _compared(doubt: Doubt) -> str:
     """Sentences of one channel compared with another."""
     match doubt.symptom:
+        case Symptom.SPEED_SIDE_SIGN:
+            return (
+                "correvit.speed y has the sign opposite to what acceleration, yaw rate and attitude leave for it: to "
+                "the left it is positive"
+            )
         case Symptom.CORNERING_SIGN:
             return (
                 "imu.accel y has the sign opposite to imu.rate z times the speed: in a left turn both are positive. "

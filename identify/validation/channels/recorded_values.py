@@ -81,7 +81,7 @@ def resting_stretches(run: Run, rig: Rig) -> list[tuple[StandStill, dict[str, ND
             spans = [
                 (first, last)
                 for first, last in _no_chance(series)
-                if others_move(run, rig, channel, column, t[first], t[last])
+                if others_move(run, rig, channel, column, t[first], t[last], _resolution(series))
             ]
             if not spans:
                 continue
@@ -127,14 +127,39 @@ def _no_chance(series: Array) -> list[tuple[int, int]]:
     return [(int(ends[one]), int(ends[one + 1]) - 1) for one in sure]
 
 
-def others_move(run: Run, rig: Rig, channel: Channel, column: str, start: float, stop: float) -> bool:
+def _resolution(series: Array) -> float:
+    """Smallest step of a column between two samples; 0 of a constant one."""
+    steps = np.abs(np.diff(series))
+    return float(np.min(steps[steps > 0.0], initial=np.inf)) if np.any(steps) else 0.0
+
+
+def others_move(
+    run: Run, rig: Rig, channel: Channel, column: str, start: float, stop: float, resolution: float = 0.0
+) -> bool:
     """Whether another column of its family, or of one that moves with it, moves in an interval.
 
-    Where it is the whole run, noise in its own family is enough: an instrument that is read has some.
+    Where it is the whole run, noise in its own family is enough: an instrument that is read has some. Beside a column
+    whose `resolution` [SI] is coarser than its noise the same of other corners has to move by that: what is rounded
+    stands still.
     """
+    if resolution > rig.noise(channel.name):
+        return _twins_by(run, channel, column, start, stop) > MOVES * resolution
     t = run.signals[channel.name].t
     least = _NOISES if start <= t[0] and stop >= t[-1] else MOVES
     return _one_varies(run, rig, channel, column, lambda signal: (signal.t >= start) & (signal.t <= stop), least)
+
+
+def _twins_by(run: Run, channel: Channel, column: str, start: float, stop: float) -> float:
+    """Largest standard deviation of the same column at other corners in an interval [SI]; 0 without one."""
+    component = channel.columns.index(column)
+    moves = [
+        float(np.std(series))
+        for name, signal in run.signals.items()
+        if name != channel.name and CHANNELS[name].family == channel.family
+        for place, (_, series) in enumerate(_in_part(name, signal, (signal.t >= start) & (signal.t <= stop)))
+        if place == component
+    ]
+    return max(moves, default=0.0)
 
 
 def others_move_at(run: Run, rig: Rig, channel: Channel, column: str, at: NDArray[np.bool_]) -> bool:

@@ -82,7 +82,7 @@ class SpeedAgreement:
 
         None where no run has, or where they disagree whatever faults they have.
         """
-        measured = [run.recording for run in runs if _is_compared(run.recording)]
+        measured = [run.recording for run in runs if is_compared(run.recording)]
         if not measured:
             return None
         known = catalogue(measured[0].vehicle, measured[0].reference).values()
@@ -172,7 +172,7 @@ def _filters(recording: Recording) -> Filters:
     return replace(own, fit_cutoff=cutoff, edge=own.edge * own.fit_cutoff / cutoff)
 
 
-def _usable(recording: Recording, own: slice = slice(None)) -> NDArray[np.bool_]:
+def usable_samples(recording: Recording, own: slice = slice(None)) -> NDArray[np.bool_]:
     """(n,) the kept samples outside flagged gaps and the low-pass's transients around them, of those in `own`."""
     masks = [recording.usable.get(name, np.ones(recording.t.size, bool)) for name in _CHANNELS]
     filters = _filters(recording)
@@ -186,10 +186,12 @@ def _usable(recording: Recording, own: slice = slice(None)) -> NDArray[np.bool_]
     return np.asarray((sound & inside)[comb(recording.t.size, filters)])
 
 
-def _is_compared(recording: Recording) -> bool:
+def is_compared(recording: Recording) -> bool:
     """Whether both instruments are there, with noise, none of their channels made of others, and samples are usable."""
     there = all(name in recording.signals.value and name not in recording.sources for name in _CHANNELS)
-    return there and all(recording.rig.noise(name) > 0.0 for name in _CHANNELS) and bool(_usable(recording).any())
+    return (
+        there and all(recording.rig.noise(name) > 0.0 for name in _CHANNELS) and bool(usable_samples(recording).any())
+    )
 
 
 def _pieces(recording: Recording) -> Iterator[tuple[Recording, slice]]:
@@ -212,7 +214,7 @@ def _products(recording: Recording, faults: Sequence[SensorFault]) -> tuple[Arra
     q, count = known.size, 0
     grams, squares = np.zeros((2, q + len(faults) + 1, q + len(faults) + 1)), np.zeros(2)
     for piece, own in _pieces(recording):
-        kept, before = _usable(piece, own), disagreement(piece)
+        kept, before = usable_samples(piece, own), disagreement(piece)
         columns = [(_changed(piece, changes, _STEP) - before) / _STEP for changes in _changes(piece, faults)]
         table = np.stack([*columns, before])[:, :, kept]
         grams += np.einsum("ian,jan->aij", table, table)

@@ -57,10 +57,18 @@ SEEN = (
     ("camera.*.steer", "x", DEGREES, "sine", "camera.fl.steer, camera.fr.steer are up to 1.6 rad: in degrees?"),
     ("camera.*.steer", "x", -1.0, "sine", "camera steer has the sign opposite to imu.rate z: both are"),
     ("correvit.speed", "xy", 3.6, "sine", "correvit.speed x is 90.3 m/s where the wheels roll at 25.6: is it in km/h?"),
+    ("correvit.speed", "y", -1.0, "sine", "correvit.speed y has the sign opposite to what acceleration, yaw rate and"),
     ("wheel.*.speed", "x", 60 / math.tau, "sine", "where correvit.speed x is 25.1: is it in 1/min?"),
     ("wheel.*.speed", "x", 1 / math.tau, "sine", "where correvit.speed x is 25.1: is it in revolutions a second?"),
     ("wheel.fr.speed", "x", -1.0, "sine", "wheel.fr.speed times the tyre's radius: -25.6 m/s where"),
 )  # fmt: skip
+
+
+def test_roll_and_pitch_that_are_exchanged() -> None:
+    run = piece("rough", 0.0, 20.0)
+    values = run.signals["imu.attitude"].values[:, [1, 0, 2]]
+    (said,) = implausible(drive_of(run.with_values({"imu.attitude": values})))
+    assert said.endswith("roll and pitch are exchanged")
 
 
 def drive_of(run: Run) -> PreparedRun:

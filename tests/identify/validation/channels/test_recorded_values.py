@@ -73,6 +73,22 @@ def test_a_value_held_over_several_rows_is_no_rest() -> None:
     assert at_rest(with_column(run, "laser.fl.hub", coarse)) == []
 
 
+def test_a_rounded_column_is_no_rest() -> None:
+    """Of 2 mm or 0.25 m/s², equal for a while where the car holds still; one that stops while others of its
+    kind move by several steps is at rest."""
+    run = piece("liftoff")
+    for column in EVERY:
+        step = {"laser": 0.002, "imu": 0.25}.get(column.partition(".")[0])
+        if step is not None and ("laser" in column or "accel" in column):
+            run = with_column(run, column, step * np.round(series_of(run, column) / step))
+    assert at_rest(run) == []
+    column = "laser.rl.hub"
+    values = series_of(run, column).copy()
+    values[run.signals[column].t > 5.0] = values[0]
+    (found,) = at_rest(with_column(run, column, values))
+    assert [*found.values] == [column]
+
+
 def test_a_car_that_stands_has_no_column_at_rest() -> None:
     """Wheels and road stand still together, while the loads have their noise."""
     run = piece()
