@@ -85,7 +85,8 @@ def _each(d: Diagnosis) -> str:
 def _several(d: Diagnosis) -> str:
     *first, last = [c.key for c in d.found]
     each = _each(d)
-    share = f" they explain {100 * d.explained:.0f} % of what is above the noise floor in {listed(d.failing)}"
+    rows = [row for row in d.failing if any(d.effects[c.key].acts_on(row) for c in d.found)]
+    share = f" they explain {100 * d.explained:.0f} % of what is above the noise floor in {listed(rows)}"
     tied = "".join(
         f" {c.key} cannot be told apart from {', '.join(key for key, _ in c.ties)} on these runs."
         for c in d.found
@@ -94,7 +95,7 @@ def _several(d: Diagnosis) -> str:
     tied += "".join(f" Of {c.key} a part may be {doubtful_tables(c)}." for c in d.found if c.confounded)
     whole = all(c.total is not None and len(c.total.keys) == len(d.found) for c in d.found)
     as_one = " as one, or one of them" if whole else ""
-    together = f": added together{share}" if d.failing else ""
+    together = f": added together{share}" if rows else ""
     sized = f" Their sizes, from a fit with all of them (95 %, tolerances of the sensors included): {each}."
     return f"{', '.join(first)} and {last} are missing{as_one}{together}.{sized if each else ''}{_open_sizes(d)}{tied}"
 
