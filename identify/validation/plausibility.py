@@ -20,10 +20,12 @@ from numpy.typing import NDArray
 
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.identify.car.car_tree import orientation
+from lacet.identify.car.rows import TYRE_ROWS, Row
 from lacet.identify.car.sources.completion import SPEEDS
 from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY
-from lacet.identify.multibody.vectors import Array
+from lacet.identify.multibody.vectors import Array, dot
 from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.signals.filters import decimate
 from lacet.identify.validation.channels.fault_columns import FaultColumns
 from lacet.identify.validation.channels.late_instruments import late_instruments
 from lacet.identify.validation.channels.speed_agreement import disagreement, is_compared, usable_samples
@@ -44,6 +46,17 @@ _LIGHT: Final = 2.0
 """Mass ÷ wheelbase³ below that of any car [kg/m³]; scale models to lorries have 30 to 200."""
 _CORNERS: Final = 0.5
 """Lateral acceleration from which the roll of the body is compared with it [m/s², 1 σ]."""
+_ROUGH: Final = 0.5
+"""Vertical acceleration of the body from which a road shows what wheels weigh [m/s², 1 σ]."""
+_OUTSIDE: Final = 5.0
+"""Mass between those of no rim and tyre and of the lightest [kg]."""
+_SURE: Final = 4.0
+"""Distance from `_OUTSIDE` ÷ 1 σ from which a mass is on its side of it."""
+_EXPLAINED: Final = 1.0 / 3.0
+"""Part of what a tyre's spring leaves of a load that the mass explains, at least. Source: a choice; 0.64 to 0.69 with
+the hub's loads, at most 0.15 on ten rough roads with the contact's."""
+_BLOCKS: Final = 8
+"""Blocks of a run of which each is left out in turn (jackknife)."""
 _OPPOSITE: Final = 0.3
 """Correlation, negative, from which the body turns against its travels at both axles, or on both sides. Source: a
 choice; of 18 sound runs of five cars none was negative at both, and one axle at one of them, by 0.13."""
@@ -81,6 +94,8 @@ class Symptom(Enum):
     ATTITUDE_SIZE = auto()
     ATTITUDE_EXCHANGED = auto()
     SPEED_SIDE_SIGN = auto()
+    HUB_LOADS = auto()
+    CONTACT_LOADS = auto()
     CORNERING_SIGN = auto()
     CORNERING_SIZE = auto()
     FORCE_SIGN = auto()
@@ -289,6 +304,50 @@ def _pushing(run: PreparedRun) -> Iterator[Doubt]:
         yield Doubt(Symptom.INERTIAL_UNIT_TURNED)
 
 
+def _reference(run: PreparedRun) -> Iterator[Doubt]:
+    """Wheel loads of the other reference: on a rough road those of the hub lack what rim and tyre outside weigh."""
+    rows = [row for row in TYRE_ROWS if row in run.rows]
+    force = _accel(run)
+    if len(rows) < len(TYRE_ROWS) or force is None or _deviation(force[2, _usable(run, "imu.accel")]) < _ROUGH:
+        return
+    masses = [_mass_outside(run, row) for row in rows]
+    mean = float(np.mean([one.mass for one in masses]))
+    if run.recording.reference == "hub":
+        if all(abs(one.mass) + _SURE * one.sigma < _OUTSIDE for one in masses):
+            yield Doubt(Symptom.CONTACT_LOADS, value=mean)
+    elif all(one.mass - _SURE * one.sigma > _OUTSIDE and one.part > _EXPLAINED for one in masses):
+        yield Doubt(Symptom.HUB_LOADS, value=mean)
+
+
+@dataclass(frozen=True)
+class _MassOutside:
+    """Mass that a wheel's load lacks in its own acceleration, and 1 σ [kg]; the part of what a tyre spring leaves of
+    the load that it explains."""
+
+    mass: float
+    sigma: float
+    part: float
+
+
+def _mass_outside(run: PreparedRun, row: Row) -> _MassOutside:
+    wheel = run.motion.corners[row.place]
+    load = run.outline.tyres[row]
+    series = np.stack([np.ones_like(load), wheel.deflection, -dot(wheel.centre_accel, wheel.normal), load])
+    table = decimate(series, run.outline.filters, run.index[row])
+    parts = np.stack([part @ part.T for part in np.array_split(table, _BLOCKS, axis=1)])
+    whole = parts.sum(axis=0)
+
+    def solved(gram: Array) -> Array:
+        return np.asarray(np.linalg.lstsq(gram[:3, :3], gram[:3, 3], rcond=None)[0], float)
+
+    found = solved(whole)
+    each = np.array([solved(whole - part)[2] for part in parts])
+    spring = whole[3, 3] - whole[3, :2] @ np.linalg.lstsq(whole[:2, :2], whole[:2, 3], rcond=None)[0]
+    both = whole[3, 3] - whole[3, :3] @ found
+    sigma = math.sqrt((_BLOCKS - 1) / _BLOCKS * float(np.sum((each - each.mean()) ** 2)))
+    return _MassOutside(float(found[2]), sigma, 1.0 - float(both / spring) if spring > 0.0 else 0.0)
+
+
 def _leaning(run: PreparedRun) -> Iterator[Doubt]:
     force = _accel(run)
     if force is None:
@@ -407,7 +466,7 @@ _CHECKS: tuple[Mapping[_Check, Set[str]], ...] = (
         _pushing: {"accel", "loads"}, _steering: {"cameras", "rate", "speed"},
         _steering_wheel: {"steering", "rate", "speed"},
     },
-    {_leaning: {"accel", "travels"}},
+    {_leaning: {"accel", "travels"}, _reference: {"accel", "loads", "travels"}},
     {_tilting: {"accel", "rate", "travels"}},
     {_rolling_as_far: {"accel", "rate", "travels"}},
 )  # fmt: skip

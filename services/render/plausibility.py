@@ -71,6 +71,16 @@ def _compared(doubt: Doubt) -> str:
                 "correvit.speed y has the sign opposite to what acceleration, yaw rate and attitude leave for it: to "
                 "the left it is positive"
             )
+        case Symptom.HUB_LOADS:
+            return (
+                f"all wheel loads lack a mass of {doubt.value:.3g} kg in their wheel's own acceleration: they are the "
+                "hub's, inside rim and tyre, and not the contact's (wheel_reference = \"hub\")"
+            )
+        case Symptom.CONTACT_LOADS:
+            return (
+                f"no wheel load lacks a mass in its wheel's own acceleration ({doubt.value:.1f} kg): they are the "
+                "contact's, and not the hub's (wheel_reference = \"contact\")"
+            )
         case Symptom.CORNERING_SIGN:
             return (
                 "imu.accel y has the sign opposite to imu.rate z times the speed: in a left turn both are positive. "

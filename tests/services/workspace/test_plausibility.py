@@ -64,6 +64,29 @@ SEEN = (
 )  # fmt: skip
 
 
+def with_outside(run: Run, mass: float) -> Run:
+    """The run with loads that carry a mass [kg] more, as of rim and tyre outside a hub."""
+    drive = drive_of(run)
+    values: dict[str, np.ndarray] = {}
+    for corner, wheel in drive.motion.corners.items():
+        signal = run.signals[f"wheel.{corner}.force"]
+        up = np.interp(signal.t, drive.recording.t, np.sum(wheel.centre_accel * wheel.normal, axis=0))
+        values[f"wheel.{corner}.force"] = signal.values + mass * up[:, None] * np.array([0.0, 0.0, 1.0])
+    return run.with_values(values)
+
+
+def test_loads_of_the_hub_are_not_the_contact_s() -> None:
+    """The car's own are the hub's, inside 23 kg of rim and tyre."""
+    run = piece("rough", 0.0, 20.0)
+    of_contact = with_outside(run, 23.0)
+    (said,) = implausible(drive_of(replace(run, wheel_reference="contact")))
+    assert said.startswith("all wheel loads lack a mass of 23")
+    assert implausible(drive_of(replace(of_contact, wheel_reference="contact"))) == []
+    assert implausible(drive_of(replace(run, wheel_reference="hub"))) == []
+    (said,) = implausible(drive_of(replace(of_contact, wheel_reference="hub")))
+    assert "they are the contact's" in said
+
+
 def test_roll_and_pitch_that_are_exchanged() -> None:
     run = piece("rough", 0.0, 20.0)
     values = run.signals["imu.attitude"].values[:, [1, 0, 2]]
