@@ -50,7 +50,7 @@ _ROUGH: Final = 0.5
 """Vertical acceleration of the body from which a road shows what wheels weigh [m/s², 1 σ]."""
 _OUTSIDE: Final = 5.0
 """Mass between those of no rim and tyre and of the lightest [kg]."""
-_SURE: Final = 4.0
+_SURE: Final = 3.0
 """Distance from `_OUTSIDE` ÷ 1 σ from which a mass is on its side of it."""
 _EXPLAINED: Final = 1.0 / 3.0
 """Part of what a tyre's spring leaves of a load that the mass explains, at least. Source: a choice; 0.64 to 0.69 with
@@ -337,15 +337,16 @@ def _mass_outside(run: PreparedRun, row: Row) -> _MassOutside:
     parts = np.stack([part @ part.T for part in np.array_split(table, _BLOCKS, axis=1)])
     whole = parts.sum(axis=0)
 
-    def solved(gram: Array) -> Array:
-        return np.asarray(np.linalg.lstsq(gram[:3, :3], gram[:3, 3], rcond=None)[0], float)
+    def fitted(gram: Array, count: int) -> tuple[Array, float]:
+        """Coefficients of the first series, and the squares of the load that they leave."""
+        found = np.asarray(np.linalg.lstsq(gram[:count, :count], gram[:count, 3], rcond=None)[0], float)
+        return found, float(gram[3, 3] - gram[3, :count] @ found)
 
-    found = solved(whole)
-    each = np.array([solved(whole - part)[2] for part in parts])
-    spring = whole[3, 3] - whole[3, :2] @ np.linalg.lstsq(whole[:2, :2], whole[:2, 3], rcond=None)[0]
-    both = whole[3, 3] - whole[3, :3] @ found
+    found, both = fitted(whole, 3)
+    _, spring = fitted(whole, 2)
+    each = np.array([fitted(whole - part, 3)[0][2] for part in parts])
     sigma = math.sqrt((_BLOCKS - 1) / _BLOCKS * float(np.sum((each - each.mean()) ** 2)))
-    return _MassOutside(float(found[2]), sigma, 1.0 - float(both / spring) if spring > 0.0 else 0.0)
+    return _MassOutside(float(found[2]), sigma, 1.0 - both / spring if spring > 0.0 else 0.0)
 
 
 def _leaning(run: PreparedRun) -> Iterator[Doubt]:
