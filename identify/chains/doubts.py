@@ -16,7 +16,7 @@ from lacet.identify.chains.weights import FEW, serial_quantile, solved_together
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.uncertainty import hac
 from lacet.identify.selection.settings import SELECTION
-from lacet.identify.signals.filters import Filters
+from lacet.identify.signals.filters import Filters, derivative
 
 _ALIKE = 1e-6
 """Difference of two likelihoods ÷ either at which two choices of signs are one: all signs turned [ratio]: numerical."""
@@ -27,6 +27,10 @@ _TURNS = 4.0 * np.pi
 _CLEARLY = 0.5
 """Error of each joint with positions read as degrees ÷ as they are, below which they are in degrees [ratio]. Source:
 far from what another law explains at every joint, and from 1."""
+_SHIFTS = 4
+"""Largest number of times that a delay is removed and estimated again [count]."""
+_SETTLED = 0.05
+"""Part of a delay from which what remains of it is removed, too [ratio]. Source: its interval is about as wide."""
 _MADE = 0.5
 """Part of a law's size that the positions' noise moves it by, from which it may have made it [ratio]. Source: the
 larger part."""
@@ -52,6 +56,14 @@ class TurnedTorque:
 
 
 @dataclass(frozen=True)
+class LateTorques:
+    """Torques that are later than the positions by `delay`, and half of its 95 % interval [s]; below 0 earlier."""
+
+    delay: float
+    half: float
+
+
+@dataclass(frozen=True)
 class Doubts:
     """Reasons not to trust a fit.
 
@@ -63,6 +75,7 @@ class Doubts:
         how much, by name.
     few : whether a joint has so few equations that its noise is hardly known (`FEW`).
     in_degrees : whether the positions of turning joints are degrees (`in_degrees`).
+    late : delay of all torques behind the positions, where it matters (`late_torques`).
     """
 
     turned: tuple[TurnedTorque, ...] = ()
@@ -70,18 +83,19 @@ class Doubts:
     biased: tuple[ChainEstimate, ...] = ()
     few: bool = False
     in_degrees: bool = False
+    late: LateTorques | None = None
     moved: Mapping[str, float] = field(default_factory=dict[str, float])
 
 
-def doubts_of(fitted: ChainFit, bias: Array, degrees: bool = False) -> Doubts:
-    """All reasons that a fit itself gives, beside the bias (b,) by noise of the positions, and their unit."""
+def doubts_of(fitted: ChainFit, bias: Array, degrees: bool = False, late: LateTorques | None = None) -> Doubts:
+    """All reasons that a fit itself gives, beside the bias (b,) by noise of the positions, their unit and delays."""
     names = [fitted.base.names[int(k)] for k in fitted.base.independent]
     moved = {one.name: abs(float(bias[names.index(one.name)])) for one in fitted.estimates}
     biased = tuple(one for one in fitted.estimates if moved[one.name] > SELECTION.confounded_interval * one.half)
     known = {one.name for one in biased}
     wrong = tuple(one for one in fitted.wrong_signs if one.name not in known)
     few, by = bool(np.any(fitted.freedom < FEW)), {one.name: moved[one.name] for one in biased}
-    return Doubts(turned_torques(fitted), wrong, biased, few, degrees, by)
+    return Doubts(turned_torques(fitted), wrong, biased, few, degrees, late, by)
 
 
 def in_degrees(fitted: ChainFit, recorded: Recorded, filters: Filters, slowest: Array) -> bool:
@@ -97,6 +111,47 @@ def in_degrees(fitted: ChainFit, recorded: Recorded, filters: Filters, slowest: 
     turned = replace(recorded, q=recorded.q * unit, qd=qd, qdd=qdd)
     other = fit_chain(fitted.model, turned.samples(filters), slowest * unit)
     return bool(np.all(other.sigma < _CLEARLY * fitted.sigma))
+
+
+def late_torques(fitted: ChainFit, recorded: Recorded, filters: Filters) -> LateTorques | None:
+    """The delay of all torques, where removing it takes error from two joints at least; None where it is nothing.
+
+    A late torque is what the model needs, less its rate times the delay. It is removed and estimated again, as the
+    rate's own noise makes a first estimate small. It matters where that is more than the user's effect size of the
+    torques. An elastic joint may look like one at that joint alone.
+    """
+    delay, half = 0.0, 0.0
+    least = min(2, fitted.y.shape[1])
+    scale = np.where(fitted.used, fitted.weights / fitted.sigma, 0.0)
+    for _ in range(_SHIFTS):
+        shifted = _earlier(recorded, delay)
+        y = fitted.y if delay == 0.0 else _right_side(fitted, shifted, filters)
+        rates = replace(shifted, tau=derivative(shifted.tau.T, shifted.rate).T)
+        late = _right_side(fitted, rates, filters)
+        found = solved_together(np.concatenate([fitted.W, -late[:, :, None]], axis=2), y, fitted.used, fitted.weights)
+        step = float(found.x[-1])
+        delay, half = delay + step, serial_quantile(len(late)) * float(np.sqrt(found.covariance[-1, -1]))
+        matters = abs(delay) * np.linalg.norm(late * scale) > SELECTION.effect_size * np.linalg.norm(y * scale)
+        better = np.count_nonzero(found.sigma < (1.0 - SELECTION.effect_size) * fitted.sigma)
+        if not matters or better < least or abs(delay) < half:
+            return None
+        if abs(step) < max(half, _SETTLED * abs(delay)):
+            break
+    return LateTorques(delay, half)
+
+
+def _earlier(recorded: Recorded, delay: float) -> Recorded:
+    """The record with its torques read later by a time [s]."""
+    places = np.arange(len(recorded.tau), dtype=float)
+    at = places + delay * recorded.rate
+    tau: list[Array] = [np.asarray(np.interp(at, places, series), float) for series in recorded.tau.T]
+    return replace(recorded, tau=np.stack(tau, axis=1))
+
+
+def _right_side(fitted: ChainFit, recorded: Recorded, filters: Filters) -> Array:
+    """(m, f) right side of the equations with the torques of another record."""
+    samples = recorded.samples(filters)
+    return fitted.model.about(*fitted.model.equations(samples, fitted.standard), fitted.standard)[1]
 
 
 def turned_torques(fitted: ChainFit) -> tuple[TurnedTorque, ...]:
@@ -221,8 +276,9 @@ def _refitted_to(fitted: ChainFit, samples: JointSamples, seen: list[int]) -> Ar
 def accounted_for(doubts: Doubts, after: Doubts, laws: Sequence[JointEffect]) -> Doubts:
     """The doubts of a fit beside which `laws` seem missing, less those that they account for; `after` : with them.
 
-    Values that cannot be are gone with the laws. Noise of the positions that had made a law would, added again, make as
-    much of it again: where it moves the laws' own sizes by a small part of them, it is no doubt of them.
+    Values that cannot be, and a delay that the laws look like, are gone with them. Noise of the positions that had made
+    a law would, added again, make as much of it again: where it moves the laws' own sizes by a small part of them, it
+    is no doubt of them.
     """
     sizes = {name for effect in laws for name in effect.parameters}
     made = [
@@ -234,4 +290,5 @@ def accounted_for(doubts: Doubts, after: Doubts, laws: Sequence[JointEffect]) ->
         wrong_signs=doubts.wrong_signs if after.wrong_signs else (),
         biased=doubts.biased if made else (),
         moved=doubts.moved if made else {},
+        late=doubts.late if after.late else None,
     )

@@ -15,7 +15,7 @@ from lacet.identify.chains.scores import JointScore
 from lacet.identify.chains.verdicts import ChainVerdict, failing_joints, verdict_of
 from lacet.identify.multibody.rigid_body import PARAMETERS, UNITS
 from lacet.identify.selection.settings import SELECTION
-from lacet.services.render.intervals import half_width, to_interval
+from lacet.services.render.intervals import half_width, to_interval, with_interval
 
 _UNITS = {
     "IA": ("kg·m²", "kg"), "FV": ("N·m·s/rad", "N·s/m"), "FVA": ("N·m·s/rad", "N·s/m"), "FS": ("N·m", "N"),
@@ -135,6 +135,13 @@ def _doubts(doubts: Doubts) -> list[str]:
     ]
     if doubts.in_degrees:
         out.insert(0, "the positions of turning joints are degrees, by their size and as each joint fits: give radians")
+    if doubts.late is not None:
+        delay, half = 1e3 * abs(doubts.late.delay), 1e3 * doubts.late.half
+        when = "later" if doubts.late.delay > 0.0 else "earlier"
+        out.append(
+            f"the torques are {with_interval(delay, half)} ms {when} than the positions: shift them by that; joints "
+            "that are elastic look nearly so"
+        )
     if doubts.biased:
         out.append(
             f"the noise of the positions moves {_names(doubts.biased)} by more than "

@@ -81,6 +81,31 @@ def test_positions_in_degrees_are_said_to_be_that():
     assert not found(31).doubts.in_degrees
 
 
+@pytest.mark.parametrize("delay", [0.02, -0.03])
+def test_torques_that_are_late_are_said_to_be_that(delay: float):
+    """No law is named: a late torque looks like inertia and friction that are wrong everywhere."""
+    _, tau = record(31)
+    places = np.arange(len(tau), dtype=float)
+    late = np.stack([np.interp(places - delay * RATE, places, series) for series in tau.T], axis=1)
+    one = found(31, late)
+    assert one.doubts.late is not None
+    assert one.doubts.late.delay == pytest.approx(delay, abs=0.1 * abs(delay))
+    assert f"ms {'later' if delay > 0.0 else 'earlier'} than the positions" in str(one)
+    assert one.rank().verdict == "unsound fit"
+
+
+def test_a_missing_law_is_no_delay():
+    """A stiff spring, friction that changes with position, and one motor's inertia that the model lacks."""
+    for seed in range(40, 44):
+        q, qd, qdd = states(seed, 20.0)
+        tau = record(seed)[1]
+        for more in (
+            np.outer(40.0 * (q[:, 1] - 0.3), [0.0, 1.0, 0.0, 0.0]), np.outer(0.5 * qdd[:, 2], [0.0, 0.0, 1.0, 0.0]),
+            np.outer(8.0 * np.abs(np.sin(3.0 * q[:, 3])) * np.sign(qd[:, 3]), [0.0, 0.0, 0.0, 1.0]),
+        ):  # fmt: skip
+            assert found(seed, tau + more).doubts.late is None
+
+
 def test_the_noise_of_the_positions_moves_values_as_estimated():
     """One motion, a cut-off far above it: the mean error of ten records is their estimated bias."""
     q, tau = exact(60, 20.0)
