@@ -16,9 +16,11 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from lacet.daq.errors import RunError
-from lacet.daq.sources.csv_table import encoding_of
+from lacet.daq.sources.csv_table import encoding_of, numbers_of_texts
 
 pc: Any = pyarrow.compute  # its functions are made when it is loaded
+_SHOWN = 24
+"""Characters of a cell that a note has."""
 
 
 def column_names(file: Path) -> list[str]:
@@ -112,13 +114,13 @@ def _columns(
         try:
             filled = column.cast(pa.float64()).fill_null(missing)
         except pa.ArrowException:
-            numbers = _numbers(column)
-            if numbers is None:
+            found = _numbers(column)
+            if found is None:
                 problems.append(f"column '{name}' is not numbers and was left out")
                 continue
-            count, text = numbers.null_count - column.null_count, _first_lost(column, numbers)
-            problems.append(f"column '{name}' has {_cells(count)} (the first: '{text}')")
-            filled = numbers.fill_null(missing)
+            numbers, said = found
+            problems.append(f"column '{name}' has {said}")
+            filled = pa.chunked_array([numbers.fill_null(missing)])
         # Copied, so that nothing of the file stays in memory.
         columns[name] = np.concatenate(
             [np.zeros(0), *(np.asarray(np.from_dlpack(chunk), np.float64) for chunk in filled.chunks)]
@@ -126,26 +128,19 @@ def _columns(
     return columns
 
 
-def _numbers(column: pa.ChunkedArray) -> pa.ChunkedArray | None:
-    """A column of text as numbers, other cells missing; None where fewer than half are numbers."""
+def _numbers(column: pa.ChunkedArray) -> tuple[Any, str] | None:
+    """A column of text as numbers, and which cells are none; None where fewer than half are numbers."""
     try:
-        cells = pc.utf8_trim_whitespace(column.cast(pa.string()))
+        cells = pc.utf8_trim_whitespace(column.combine_chunks().cast(pa.string()))
     except pa.ArrowException:
         return None
-    are = pc.match_substring_regex(cells, r"^[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?$")
-    numbers = pc.cast(pc.if_else(are, pc.replace_substring(cells, "+", ""), None), pa.float64())
-    return numbers if 2 * numbers.null_count < len(column) else None
-
-
-def _cells(count: int) -> str:
-    one = "1 cell that is no number: it counts as missing"
-    return one if count == 1 else f"{count} cells that are no numbers: they count as missing"
-
-
-def _first_lost(column: pa.ChunkedArray, numbers: pa.ChunkedArray) -> str:
-    """The first cell that is no number, at most 24 characters of it."""
-    lost = numbers.is_null().to_numpy() & column.is_valid().to_numpy()
-    return str(column[int(np.flatnonzero(lost)[0])].as_py())[:24]
+    numbers, wrong = numbers_of_texts(cells)
+    if 2 * numbers.null_count >= len(column):
+        return None
+    text = str(cells[int(wrong[0])].as_py())[:_SHOWN]
+    few = wrong.size == 1
+    cells_are = "1 cell that is no number: it counts" if few else f"{wrong.size} cells that are no numbers: they count"
+    return numbers, f"{cells_are} as missing (the first: '{text}')"
 
 
 def _read_csv(file: Path, problems: list[str]) -> pa.Table:

@@ -16,6 +16,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute
 import pyarrow.csv as pa_csv
+from numpy.typing import NDArray
 
 from lacet.daq.sources.columns import TimeColumn, find_time, is_time_name, units_row, with_unit
 from lacet.daq.sources.source import Array, Listed, Piece, Reading, Series, Source, fault, resolve, unique
@@ -240,14 +241,13 @@ class CsvTable(Source):
         if name in self._grouped:
             cells = pc.replace_substring(cells, _other(self.form.decimal), "")
         cells = pc.replace_substring(cells, self.form.decimal, ".")
-        numbers = pc.match_substring_regex(cells, r"^[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?$")
-        wrong = np.flatnonzero(np.from_dlpack(pc.cast(pc.fill_null(pc.invert(numbers), False), pa.uint8())))
+        numbers, wrong = numbers_of_texts(cells)
         if wrong.size and name not in self._wrong:
             self._wrong.add(name)
             place = self.form.first + rows + int(wrong[0]) + 1
             text = column[int(wrong[0])].as_py()
             self._note(f"'{name}' has cells that are no numbers: they count as missing (line {place}: '{text[:24]}')")
-        return pc.cast(pc.if_else(numbers, pc.replace_substring(cells, "+", ""), None), pa.float64())
+        return numbers
 
 
 def find_form(path: Path, reading: Reading) -> Form:
@@ -366,6 +366,13 @@ def _are_grouped(cells: list[str], decimal: str) -> bool:
     group = rf"\{_other(decimal)}\d{{3}}"
     one = re.compile(rf"[-+]?\d{{1,3}}({group})+(\{decimal}\d*)?")
     return all(map(one.fullmatch, cells)) and any(decimal in c or c.count(_other(decimal)) > 1 for c in cells)
+
+
+def numbers_of_texts(cells: Any) -> tuple[Any, NDArray[np.intp]]:
+    """Numbers of an Arrow array of trimmed texts, those that are none missing, and the places of these."""
+    are = pc.match_substring_regex(cells, r"^[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?$")
+    wrong = np.flatnonzero(np.from_dlpack(pc.cast(pc.fill_null(pc.invert(are), False), pa.uint8())))
+    return pc.cast(pc.if_else(are, pc.replace_substring(cells, "+", ""), None), pa.float64()), wrong
 
 
 def encoding_of(begin: bytes) -> str:

@@ -126,8 +126,8 @@ def late_torques(fitted: ChainFit, recorded: Recorded, filters: Filters) -> Late
     for _ in range(_SHIFTS):
         shifted = _earlier(recorded, delay)
         y = fitted.y if delay == 0.0 else _right_side(fitted, shifted, filters)
-        rates = replace(shifted, tau=derivative(shifted.tau.T, shifted.rate).T)
-        late = _right_side(fitted, rates, filters)
+        rates = derivative(shifted.tau.T, shifted.rate).T
+        late = _right_side(fitted, replace(shifted, tau=shifted.tau + rates), filters) - y  # it is linear in torques
         found = solved_together(np.concatenate([fitted.W, -late[:, :, None]], axis=2), y, fitted.used, fitted.weights)
         step = float(found.x[-1])
         delay, half = delay + step, serial_quantile(len(late)) * float(np.sqrt(found.covariance[-1, -1]))

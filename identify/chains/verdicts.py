@@ -38,12 +38,8 @@ def verdict_of(ranking: ChainRanking, scores: Sequence[JointScore], doubts: Doub
     if doubts is None:
         return verdict
     named = verdict is ChainVerdict.MISSING
-    if (
-        doubts.turned
-        or doubts.in_degrees
-        or doubts.late
-        or (doubts.wrong_signs and verdict is not ChainVerdict.UNLISTED)
-    ):
+    wrong = doubts.wrong_signs and verdict is not ChainVerdict.UNLISTED
+    if doubts.turned or doubts.in_degrees or doubts.late or wrong:
         return ChainVerdict.UNSOUND
     return ChainVerdict.UNSOUND if named and (doubts.biased or doubts.few) else verdict
 

@@ -26,7 +26,7 @@ from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY
 from lacet.identify.multibody.vectors import Array, dot
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import decimate
-from lacet.identify.validation.channels.fault_columns import FaultColumns
+from lacet.identify.validation.channels.fault_columns import BLOCKS, FaultColumns, jackknife
 from lacet.identify.validation.channels.late_instruments import late_instruments
 from lacet.identify.validation.channels.speed_agreement import disagreement, is_compared, usable_samples
 
@@ -55,8 +55,6 @@ _SURE: Final = 3.0
 _EXPLAINED: Final = 1.0 / 3.0
 """Part of what a tyre's spring leaves of a load that the mass explains, at least. Source: a choice; 0.64 to 0.69 with
 the hub's loads, at most 0.15 on ten rough roads with the contact's."""
-_BLOCKS: Final = 8
-"""Blocks of a run of which each is left out in turn (jackknife)."""
 _OPPOSITE: Final = 0.3
 """Correlation, negative, from which the body turns against its travels at both axles, or on both sides. Source: a
 choice; of 18 sound runs of five cars none was negative at both, and one axle at one of them, by 0.13."""
@@ -283,10 +281,8 @@ def _sliding(run: PreparedRun) -> Iterator[Doubt]:
     value["correvit.speed"] = value["correvit.speed"] * np.array([[1.0], [-1.0]])
     changed = recording.signals.changed(value, recording.filters.rate)
     keep = usable_samples(recording)
-    own, reversed_ = (
-        float(np.var(found[1, keep])) for found in (disagreement(recording), disagreement(recording, changed))
-    )
-    if reversed_ < _QUARTER * own:
+    own, opposite = (float(np.var(disagreement(recording, one)[1, keep])) for one in (recording.signals, changed))
+    if opposite < _QUARTER * own:
         yield Doubt(Symptom.SPEED_SIDE_SIGN, ("correvit.speed.y",))
 
 
@@ -334,7 +330,7 @@ def _mass_outside(run: PreparedRun, row: Row) -> _MassOutside:
     load = run.outline.tyres[row]
     series = np.stack([np.ones_like(load), wheel.deflection, -dot(wheel.centre_accel, wheel.normal), load])
     table = decimate(series, run.outline.filters, run.index[row])
-    parts = np.stack([part @ part.T for part in np.array_split(table, _BLOCKS, axis=1)])
+    parts = np.stack([part @ part.T for part in np.array_split(table, BLOCKS, axis=1)])
     whole = parts.sum(axis=0)
 
     def fitted(gram: Array, count: int) -> tuple[Array, float]:
@@ -345,8 +341,9 @@ def _mass_outside(run: PreparedRun, row: Row) -> _MassOutside:
     found, both = fitted(whole, 3)
     _, spring = fitted(whole, 2)
     each = np.array([fitted(whole - part, 3)[0][2] for part in parts])
-    sigma = math.sqrt((_BLOCKS - 1) / _BLOCKS * float(np.sum((each - each.mean()) ** 2)))
-    return _MassOutside(float(found[2]), sigma, 1.0 - both / spring if spring > 0.0 else 0.0)
+    return _MassOutside(
+        float(found[2]), float(jackknife(each[:, None])[0]), 1.0 - both / spring if spring > 0.0 else 0.0
+    )
 
 
 def _leaning(run: PreparedRun) -> Iterator[Doubt]:

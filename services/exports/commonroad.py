@@ -5,7 +5,7 @@ Source: Althoff and Würsching (2020), CommonRoad: Vehicle Models; version 3.0.2
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -54,8 +54,12 @@ class _Parameters:
         self.entries[name] = float(value), about
 
 
-def commonroad_text(vehicle: Vehicle, result: Mapping[str, Any], title: str) -> tuple[str, dict[str, str]]:
+def commonroad_text(
+    vehicle: Vehicle, result: Mapping[str, Any], title: str, added: Sequence[str]
+) -> tuple[str, dict[str, str]]:
     """The parameters as YAML text, and what was left out → why.
+
+    `added` : keys of the model's effects that the base model has not.
 
     Raises UsageError when the runs do not determine the mass and centre of gravity of the chassis.
     """
@@ -105,7 +109,8 @@ def commonroad_text(vehicle: Vehicle, result: Mapping[str, Any], title: str) -> 
         found.put("T_se", float(driven[0]), "share of the engine's torque at the front, from the driven wheels")
     else:
         found.lacking["T_se"] = "the split of the engine's torque between two axles is not identified"
-    left_out = {**LEFT_OUT, **found.lacking}
+    laws = {key: "the format has no place for it" for key in added if not key.startswith("anti_roll_bar.")}
+    left_out = {**LEFT_OUT, **found.lacking, **laws}
     lines = [f"# {title}", "# Parameters of commonroad-vehicle-models, in its names and units (SI).", ""]
     for name in _ORDER:
         if name in found.entries:

@@ -162,10 +162,9 @@ def _model(car: Identified, part: Path, form: Form) -> tuple[str, Mapping[str, s
 def _commonroad(car: Identified, part: Path) -> tuple[str, Mapping[str, str]]:
     from lacet.services.exports.commonroad import commonroad_text
 
-    text, left_out = commonroad_text(car.vehicle, car.result, car.title)
+    text, left_out = commonroad_text(car.vehicle, car.result, car.title, _added(car))
     _text(part, text)
-    laws = {key: "the format has no place for it" for key in _added(car) if not key.startswith("anti_roll_bar.")}
-    return "CommonRoad vehicle parameters", {**left_out, **laws}
+    return "CommonRoad vehicle parameters", left_out
 
 
 def _matlab(car: Identified, part: Path) -> tuple[str, Mapping[str, str]]:

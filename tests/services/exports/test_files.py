@@ -26,6 +26,7 @@ from lacet.daq.sources.open_source import opened
 from lacet.daq.sources.source import read_all
 from lacet.daq.vehicle import Vehicle
 from lacet.services.commands.__main__ import main
+from lacet.services.exports.commonroad import commonroad_text
 from lacet.services.exports.tables import values_table
 from tests.identify.cars import CAR, piece
 from tests.services.commands.test_json import conforms
@@ -126,6 +127,17 @@ def test_commonroad_has_its_names_and_units(study: Path, tmp_path: Path, capsys:
     assert found["K_sf"] == pytest.approx((known["spring.fl.k"]["value"] + known["spring.fr.k"]["value"]) / 2)
     assert found["K_tsf"] == pytest.approx(-(1.5**2) * known["anti_roll_bar.front.k"]["value"])
     assert "ASSUMED" in text
+
+
+def test_commonroad_names_the_laws_that_it_has_no_place_for(tmp_path: Path) -> None:
+    """In the file and beside it; a bar has its place."""
+    vehicle = lacet.Vehicle.load("peugeot-406")
+    known = [{"name": name, "value": 1.0, "identifiable": True, "group": name} for name in ("MX6", "MZ6", "M6")]
+    result = {"parameters": known, "effects": ["anti_roll_bar.front", "coulomb.rear"], "wheel_reference": "contact"}
+    text, left_out = commonroad_text(vehicle, result, "a car", ["anti_roll_bar.front", "coulomb.rear"])
+    assert "# coulomb.rear: the format has no place for it" in text
+    assert "coulomb.rear" in left_out
+    assert "anti_roll_bar.front" not in left_out
 
 
 def test_matlab_structs_have_values_intervals_and_units(study: Path, tmp_path: Path) -> None:
