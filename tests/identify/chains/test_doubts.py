@@ -96,6 +96,15 @@ def test_torques_that_are_late_are_said_to_be_that(delay: float):
     assert one.rank().verdict == "unsound fit"
 
 
+def test_one_joint_s_late_torque_is_not_that_of_all():
+    """As of one elastic joint."""
+    _, tau = record(31)
+    places = np.arange(len(tau), dtype=float)
+    tau = tau.copy()
+    tau[:, 3] = np.interp(places - 0.03 * RATE, places, tau[:, 3])
+    assert found(31, tau).doubts.late is None
+
+
 @pytest.mark.parametrize("delay", [0.0, 0.02])
 def test_forces_on_bodies_are_no_part_of_the_delay(delay: float):
     """They stand on the right side, and are not late with the torques."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from lacet.daq.run import Run
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -64,6 +66,14 @@ def steps(fits: list[tuple[Fit, NoiseFloor]]) -> list[Diagnosis]:
 def test_first_one_bar_then_the_other_then_nothing(steps: list[Diagnosis]):
     assert [step.verdict for step in steps] == ["missing", "missing", "nothing missing"]
     assert [step.best.key if step.best else None for step in steps] == [*BARS, None]
+
+
+def test_the_rows_of_which_effects_explain_a_part_are_those_they_act_in(steps: list[Diagnosis]):
+    """Bars act between body and wheels, and not in the rows of the whole car."""
+    several = next(step for step in steps if len(step.found) > 1)
+    failing = replace(several, failing=(Row.parse("chassis.fx"), *several.failing))
+    assert "of what is above the noise floor in suspension" in says(failing)
+    assert "chassis.fx" not in says(failing)
 
 
 def test_every_answer_has_its_reason(steps: list[Diagnosis]):

@@ -212,6 +212,16 @@ def test_exchanged_wheels_are_told_with_the_remedy_and_the_other_axle_is_identif
     assert not {"suspension.fl", "suspension.fr", "chassis.fz"} & said.scored
 
 
+def test_loads_of_the_other_sign_are_not_taken_for_exchanged_ones(lacet, tmp_path: Path):
+    """With y to the right and z down a wheel's load goes against its own tyre, and with that across the car."""
+    run = piece("sine")
+    turned = {name: run.signals[name].values * [1.0, -1.0, -1.0] for name in run.signals if name.endswith(".force")}
+    said = lacet("identify", written(run.with_values(turned), tmp_path / "run.parquet"), *FILES)
+    assert said.code == 3
+    assert "they are positive when the wheels carry the car" in said.text
+    assert "look exchanged" not in said.text
+
+
 def test_exchanged_lasers_are_not_taken_for_exchanged_loads(lacet, tmp_path: Path, fitted: Said):
     """The loads move the body as they should."""
     lasers = exchanged(piece(), "fl", "fr", "laser")

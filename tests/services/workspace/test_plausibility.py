@@ -87,6 +87,12 @@ def test_loads_of_the_hub_are_not_the_contact_s() -> None:
     assert "they are the contact's" in said
 
 
+def test_a_mass_that_explains_little_of_what_the_tyre_leaves_is_none() -> None:
+    """Nine kilograms are more than chance, and a tyre that is no spring may seem to have them."""
+    run = with_outside(piece("rough", 0.0, 20.0), 14.0)
+    assert implausible(drive_of(replace(run, wheel_reference="contact"))) == []
+
+
 def test_roll_and_pitch_that_are_exchanged() -> None:
     run = piece("rough", 0.0, 20.0)
     values = run.signals["imu.attitude"].values[:, [1, 0, 2]]

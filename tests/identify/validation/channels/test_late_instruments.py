@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -15,7 +16,7 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.validation.channels.column_kinds import kind_of
 from lacet.identify.validation.channels.delays import instrument_delays
-from lacet.identify.validation.channels.fault_columns import FaultColumns
+from lacet.identify.validation.channels.fault_columns import ANY_DELAY, FaultColumns
 from lacet.identify.validation.channels.late_instruments import LateInstruments
 from lacet.identify.validation.channels.single_faults import ColumnFault, Fault, column_faults
 from lacet.identify.validation.plausibility import Symptom, doubtful_channels
@@ -101,6 +102,22 @@ def test_a_delay_that_noise_hides_is_not_taken_for_none() -> None:
     assert products is not None
     cameras = next(one for one in instrument_delays(products) if "camera.steer" in one.kinds)
     assert cameras.noise > 0.3
+
+
+def test_a_delay_that_changes_nothing_has_the_spread_of_what_is_known_beforehand() -> None:
+    """It is the same in every block, and not for that reason certain."""
+    products = FaultColumns.of(late("rough", "nothing", 0.0))
+    assert products is not None
+    at = int(np.flatnonzero(products.are_delays)[products.kinds.index("camera.steer")])
+    other = int(np.flatnonzero(products.are_delays)[products.kinds.index("camera.camber")])
+    tables = [products.whole.copy(), products.left_out.copy()]
+    for table in tables:
+        for place in (at, other):
+            table[..., place, :] = table[..., :, place] = 0.0
+    hidden = replace(products, whole=tables[0], left_out=tables[1])
+    cameras = next(one for one in instrument_delays(hidden) if "camera.steer" in one.kinds)
+    assert cameras.spread > 0.9 * ANY_DELAY
+    assert cameras.noise == 1.0
 
 
 def test_kinds_of_columns_are_families_and_wheels() -> None:
