@@ -114,14 +114,13 @@ def in_degrees(fitted: ChainFit, recorded: Recorded, filters: Filters, slowest: 
 
 
 def late_torques(fitted: ChainFit, recorded: Recorded, filters: Filters) -> LateTorques | None:
-    """The delay of all torques, where removing it takes error from two joints at least; None where it is nothing.
+    """The delay of all torques behind the positions; None where it does not matter.
 
     A late torque is what the model needs, less its rate times the delay. It is removed and estimated again, as the
     rate's own noise makes a first estimate small. It matters where that is more than the user's effect size of the
-    torques. An elastic joint may look like one at that joint alone.
+    torques.
     """
     delay, half = 0.0, 0.0
-    least = min(2, fitted.y.shape[1])
     scale = np.where(fitted.used, fitted.weights / fitted.sigma, 0.0)
     for _ in range(_SHIFTS):
         shifted = _earlier(recorded, delay)
@@ -132,8 +131,7 @@ def late_torques(fitted: ChainFit, recorded: Recorded, filters: Filters) -> Late
         step = float(found.x[-1])
         delay, half = delay + step, serial_quantile(len(late)) * float(np.sqrt(found.covariance[-1, -1]))
         matters = abs(delay) * np.linalg.norm(late * scale) > SELECTION.effect_size * np.linalg.norm(y * scale)
-        better = np.count_nonzero(found.sigma < (1.0 - SELECTION.effect_size) * fitted.sigma)
-        if not matters or better < least or abs(delay) < half:
+        if not matters or abs(delay) < half:
             return None
         if abs(step) < max(half, _SETTLED * abs(delay)):
             break

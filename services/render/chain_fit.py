@@ -138,10 +138,7 @@ def _doubts(doubts: Doubts) -> list[str]:
     if doubts.late is not None:
         delay, half = 1e3 * abs(doubts.late.delay), 1e3 * doubts.late.half
         when = "later" if doubts.late.delay > 0.0 else "earlier"
-        out.append(
-            f"the torques are {with_interval(delay, half)} ms {when} than the positions: shift them by that; joints "
-            "that are elastic look nearly so"
-        )
+        out.append(f"the torques are {with_interval(delay, half)} ms {when} than the positions: shift them by that")
     if doubts.biased:
         out.append(
             f"the noise of the positions moves {_names(doubts.biased)} by more than "

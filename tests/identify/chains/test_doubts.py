@@ -9,10 +9,8 @@ import pytest
 
 from lacet.identify.chains import effects as laws
 from lacet.identify.chains.doubts import Doubts, TurnedTorque, accounted_for, noise_bias, turned_torques
-from lacet.identify.chains.effects import ExternalForce
 from lacet.identify.chains.fit import ChainEstimate
 from lacet.identify.chains.ranking import ChainRanking, JointAnswer, JointCandidate
-from lacet.identify.chains.samples import JointSamples, Recorded
 from lacet.identify.chains.scores import JointScore
 from lacet.identify.chains.verdicts import ChainVerdict, verdict_of
 from lacet.services.library.chains import IdentifiedChain, identify_chain
@@ -103,25 +101,6 @@ def test_one_joint_s_late_torque_is_not_that_of_all():
     tau = tau.copy()
     tau[:, 3] = np.interp(places - 0.03 * RATE, places, tau[:, 3])
     assert found(31, tau).doubts.late is None
-
-
-@pytest.mark.parametrize("delay", [0.0, 0.02])
-def test_forces_on_bodies_are_no_part_of_the_delay(delay: float):
-    """They stand on the right side, and are not late with the torques."""
-    q, tau = record(31)
-    force = 200.0 * np.sin(np.outer(np.arange(len(q)) / RATE, [1.1, 0.7, 1.9]))
-    loads = (ExternalForce(3, force, None, (0.1, 0.02, -0.03), "body"),)
-    states_at = exact(31, 20.0)[0]
-    filters = Recorded.read(ARM, q, tau, rate=RATE, t=None).filters(None, None)
-    tau = tau + JointSamples(states_at, states_at, states_at, tau, loads, filters).external_torques(ARM)
-    places = np.arange(len(tau), dtype=float)
-    late = np.stack([np.interp(places - delay * RATE, places, series) for series in tau.T], axis=1)
-    found_late = identify_chain(ARM, q, late, rate=RATE, external=loads).doubts.late
-    if delay == 0.0:
-        assert found_late is None
-    else:
-        assert found_late is not None
-        assert found_late.delay == pytest.approx(delay, rel=0.1)
 
 
 def test_a_missing_law_is_no_delay():
