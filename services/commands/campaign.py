@@ -185,7 +185,6 @@ def _print(result: dict[str, Any], most: int) -> None:
     many = "s" if runs > 1 else ""
     print(f"{result['vehicle']}, {runs} run{many}, {minutes:.1f} min, {result['wheel_reference']} wheel loads\n")
     print(tables.parameters(result))
-    print("95 %: noise and zeros, residuals correlated. With sheet: gains and latencies of the sensor sheet as well.")
     if result["not_identifiable"]:
         names = ", ".join(item["name"] for item in result["not_identifiable"])
         print("\n" + tables.wrapped(f"Not identifiable with these runs: {names}", 2))

@@ -211,7 +211,7 @@ def _report_of_worker(out: Path) -> None:
     if mass is not None:
         print(
             f"   The worker fitted the base model to this run alone: {len(result['parameters'])} parameters, "
-            f"mass {with_interval(mass['value'], mass['half95'])} kg."
+            f"mass {with_interval(mass['value'], mass['half95_sheet'])} kg."
         )
 
 

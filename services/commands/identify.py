@@ -136,7 +136,6 @@ def run(args: argparse.Namespace) -> int:
     many = "s" if len(loaded.prepared) > 1 else ""
     print(f"{loaded.vehicle.name}, {len(loaded.prepared)} run{many}, {loaded.reference} wheel loads\n")
     print(tables.parameters(result))
-    print("95 %: noise and zeros, residuals correlated. With sheet: gains and latencies of the sensor sheet as well.")
     if known := beforehand_table(loaded.vehicle.apriori, result):
         print(f"\n{known.text}")
     if values := tables.derived(result):

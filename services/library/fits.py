@@ -188,11 +188,11 @@ class Fit:
 
     def _repr_html_(self) -> str:
         rows = [
-            [one.name, to_interval(one.value, one.half), half_width(one.half), half_width(one.half_sheet), one.unit]
+            [one.name, to_interval(one.value, one.half), half_width(one.half_sheet), half_width(one.half), one.unit]
             for one in self.parameters
             if one.identifiable
         ]
-        head = ["parameter", "value", "± 95 %", "± with sheet", "unit"]
+        head = ["parameter", "value", "± with sheet", "± noise only", "unit"]
         return html_table(f"Fit to {', '.join(self.runs.names)}", head, rows)
 
 

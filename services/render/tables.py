@@ -13,6 +13,13 @@ from lacet.services.render.units import TRAVEL, TRAVEL_RATE
 
 WIDTH = 118
 """Characters in a line of printed text."""
+_INTERVALS = ("with sheet", "noise only")
+"""Heads of the halves of a value's 95 % intervals (docs/intervals.md), that which covers more first."""
+
+_ABOUT_INTERVALS = (
+    "±: halves of 95 % intervals; noise only: noise and zeros, residuals correlated; with sheet: its gains and "
+    "latencies, too."
+)
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], text_columns: int = 1) -> str:
@@ -64,12 +71,12 @@ def size(value: float) -> str:
 
 
 def parameters(result: Mapping[str, Any]) -> str:
-    """The parameters of a fit with their intervals side by side, and the whole vehicle's values."""
+    """The parameters of a fit with their intervals side by side, the whole vehicle's values, and what ± is."""
     text = parameter_table(result).text
     if result["whole_vehicle"]:
         title, whole = whole_vehicle_table(result)
         text += f"\n\n{title}:\n{whole.text}"
-    return text
+    return f"{text}\n{_ABOUT_INTERVALS}"
 
 
 def parameter_table(result: Mapping[str, Any]) -> Table:
@@ -79,8 +86,8 @@ def parameter_table(result: Mapping[str, Any]) -> Table:
         [
             p["name"],
             to_interval(p["value"], p["half95"]),
-            f"± {half_width(p['half95'])}",
             f"± {half_width(p['half95_sheet'])}",
+            f"± {half_width(p['half95'])}",
             *([f"± {half_width(p['half95_bootstrap'])}"] if drawn else []),
             p["unit"],
             f"{p['sxr_percent']:.2f}" if p["sxr_percent"] is not None and p["sxr_percent"] < 1e3 else "-",
@@ -91,8 +98,7 @@ def parameter_table(result: Mapping[str, Any]) -> Table:
     head = [
         "parameter",
         "value",
-        "95 %",
-        "with sheet",
+        *_INTERVALS,
         *(["bootstrap"] if drawn else []),
         "unit",
         "sxr %",
@@ -105,8 +111,8 @@ def whole_vehicle_table(result: Mapping[str, Any]) -> tuple[str, Table]:
     """Title and table of the whole vehicle's values."""
     rows = [
         [
-            w["name"], to_interval(w["value"], w["half95"]), f"± {half_width(w['half95'])}",
-            f"± {half_width(w['half95_sheet'])}", w["unit"],
+            w["name"], to_interval(w["value"], w["half95"]), f"± {half_width(w['half95_sheet'])}",
+            f"± {half_width(w['half95'])}", w["unit"],
         ]
         if w["identifiable"]
         else [w["name"], "not identifiable", "", "", w["unit"]]
@@ -123,7 +129,7 @@ def whole_vehicle_table(result: Mapping[str, Any]) -> tuple[str, Table]:
     elif all(w["identifiable"] for w in result["whole_vehicle"]):
         note = ""
     title = f"Whole vehicle at design height ({about})"
-    return title, Table(["value", "", "95 %", "with sheet", "unit"], rows, note=note)
+    return title, Table(["value", "", *_INTERVALS, "unit"], rows, note=note)
 
 
 def derived(result: Mapping[str, Any]) -> str:
@@ -144,7 +150,7 @@ def derived(result: Mapping[str, Any]) -> str:
         lines.append(
             [kind.replace("_", " ").replace(".", " "), where, "   ".join(cells), members[0]["unit"].replace("1", "-")]
         )
-    return table(["derived value", "where", "value ± 95 %", "unit"], lines, text_columns=4) if lines else ""
+    return table(["derived value", "where", f"value ± {_INTERVALS[0]}", "unit"], lines, text_columns=4) if lines else ""
 
 
 _PLACES = ("fl", "fr", "rl", "rr", "front", "rear")
@@ -155,7 +161,7 @@ def _derived(d: Mapping[str, Any]) -> str:
         return "not determined"
     if d["value"] == 0.0 == d["half95"]:
         return "none"
-    return with_interval(d["value"], d["half95"])
+    return with_interval(d["value"], d.get("half95_sheet", d["half95"]))
 
 
 def derived_table(result: Mapping[str, Any]) -> Table:
@@ -167,9 +173,9 @@ def derived_table(result: Mapping[str, Any]) -> Table:
             lines.append([d["name"], "not determined", "", "", unit])
         elif d["value"] != 0.0:
             lines.append(
-                [d["name"], to_interval(d["value"], half), f"± {half_width(half)}", f"± {half_width(sheet)}", unit]
+                [d["name"], to_interval(d["value"], half), f"± {half_width(sheet)}", f"± {half_width(half)}", unit]
             )
-    return Table(["derived value", "value", "95 %", "with sheet", "unit"], lines)
+    return Table(["derived value", "value", *_INTERVALS, "unit"], lines)
 
 
 def ranges(result: Mapping[str, Any]) -> str:
