@@ -73,6 +73,14 @@ class Row(str):
         return self.kind in ("body", "corner")
 
     @property
+    def parts(self) -> tuple[Row, ...]:
+        """The rows that a combined row consists of (`Motion.weights`); of any other row itself."""
+        if self.kind == "body":
+            return (*_OF_CHASSIS[self.place], *SUSPENSION_ROWS)
+        own = (Row(f"suspension.{self.place}"), Row(f"tyre.{self.place}"))
+        return own if self.kind == "corner" else (self,)
+
+    @property
     def place(self) -> str:
         """The corner; of the chassis its component, ``fx`` … ``mz``; of the body ``heave``, ``roll`` or ``pitch``."""
         return self.partition(".")[2]
@@ -97,6 +105,8 @@ BODY_ROWS = tuple(Row(f"body.{motion}") for motion in ("heave", "roll", "pitch")
 CORNER_ROWS = tuple(Row(f"corner.{c}") for c in CORNERS)
 ROWS = (*CHASSIS_ROWS, *SUSPENSION_ROWS, *TYRE_ROWS, *SPIN_ROWS, *BODY_ROWS, *CORNER_ROWS)
 """Every row of the equations, in the order of all reports."""
+_OF_CHASSIS = {"heave": (CHASSIS_ROWS[2],), "roll": CHASSIS_ROWS[3:0:-2], "pitch": CHASSIS_ROWS[4::-4]}
+"""Rows of the chassis in those of the body: the moment, and the force that has a lever about it."""
 _BY_TEXT: dict[str, Row] = {str(row): row for row in ROWS}
 
 ROLL_AND_PITCH = (CHASSIS_ROWS[3], CHASSIS_ROWS[4])

@@ -231,10 +231,12 @@ class Effect(ABC):
 
     def acts_on(self, row: Row) -> bool:
         """Whether it acts on a row, by the rows and corners that it declares; on all rows without any."""
-        if self.rows and row.kind not in self.rows and row not in self.rows:
-            return False
         corners = {*self.corners()} & {*CORNERS}
-        return not corners or row.corner is None or row.corner in corners
+        return any(
+            (not self.rows or part.kind in self.rows or part in self.rows)
+            and (not corners or part.corner is None or part.corner in corners)
+            for part in row.parts
+        )
 
     def named(self, parameter: str, unit: str, low: float, high: float, expect: str = "any") -> Parameter:
         """A parameter of this effect, ``effect.where.parameter``."""

@@ -43,6 +43,8 @@ def _answered(c: Candidate, joint: Joint, found: Sequence[Candidate], beside: Ca
         return replace(alone, answer=Answer.UNDECIDED, reason=Reason.CONFOUNDED, stands_for=part)
     if c.key in joint.parts:
         return replace(alone, answer=Answer.UNDECIDED, reason=Reason.PART_OF_REST)
+    if c.key in joint.assumed:
+        return replace(alone, answer=Answer.UNDECIDED, reason=Reason.ASSUMED)
     if not found or not joint.effects or alone.reason is Reason.CHANCE:
         return replace(alone, answer=Answer.UNDECIDED) if alone.answer is Answer.MISSING else alone
     beside_them = (

@@ -62,6 +62,8 @@ class Reason(Enum):
     """Beside the effects found it takes nothing away that chance does not."""
     PART_OF_REST = auto()
     """It was in the set found and explains no more than remains unlisted in its rows."""
+    ASSUMED = auto()
+    """It was in the set found, and errors of assumed channels may stand for it."""
     TIED = auto()
     """It was in the set found, something unlisted remains, and its `ties` are not rejected in its place."""
     CONFOUNDED = auto()

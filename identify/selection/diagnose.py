@@ -26,6 +26,7 @@ from lacet.identify.selection.columns.ranked_runs import LocalRuns, RankedRuns
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise
 from lacet.identify.selection.diagnosis import Diagnosis, Grounds, Verdict
 from lacet.identify.selection.joint.alternatives import Alternative, alternatives, confidence_set
+from lacet.identify.selection.joint.assumed_errors import only_beyond_assumptions
 from lacet.identify.selection.joint.inseparable import with_inseparable
 from lacet.identify.selection.joint.refits import (
     Joint,
@@ -129,6 +130,8 @@ def _settled(joint: Joint, seed: int, progress: Progress) -> tuple[Joint, Rest]:
     possible = only_plausible(joint, seed, progress)
     rest = rest if possible is joint else Rest.of(possible.space, possible.laws)
     joint, rest = not_part_of_the_rest(possible, rest, seed, progress)
+    other = only_beyond_assumptions(joint, seed, progress)
+    joint, rest = other, rest if other is joint else Rest.of(other.space, other.laws)
     standing = only_encompassing(joint, seed, progress) if rest.unlisted else joint
     return standing, rest if standing is joint else Rest.of(standing.space, standing.laws)
 

@@ -68,6 +68,11 @@ def reason_text(c: Candidate, effect: Effect | None, draws: int) -> str:
                 f"{takes} Undecided: at least as much as it explains remains unlisted in its rows; it may be a part of "
                 f"that cause ({chance})."
             )
+        case Reason.ASSUMED:
+            return (
+                f"{takes} Undecided: within the tolerances of assumed channels its size may be zero, and rows that these "
+                f"hardly move do not show it ({chance})."
+            )
         case Reason.TIED:
             return (
                 f"{takes} Undecided beside a cause that is not listed: {others_of(c)} cannot be ruled out in its place."

@@ -49,6 +49,7 @@ class Joint:
     refused : sets of effects, by keys, that did not stand where they were fitted in place of those found, or that these
         took the place of: a search does not return to them.
     shown : keys of sensor faults that the instruments show by themselves, without any force on the car.
+    assumed : keys of laws that stood, and that errors of assumed channels may stand for.
     """
 
     first: ScoreTests
@@ -65,6 +66,7 @@ class Joint:
     parts: frozenset[str] = frozenset()
     refused: frozenset[frozenset[str]] = frozenset()
     shown: frozenset[str] = frozenset()
+    assumed: frozenset[str] = frozenset()
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -221,7 +223,7 @@ def _not_standing_elsewhere(joint: Joint, rest: Rest, tried: ScoreTests) -> set[
     and of effects of one run that act in rows with one. `tried` : tests of all that the laws were selected from."""
     sound = rest.without_unlisted()
     laws = laws_on_rows(joint.space, sound) if sound else ()
-    out = {law.key for law in laws if not law.rows.isdisjoint(sound) and not _is_significant(law, tried)}
+    out = {law.key for law in laws if not law.rows.isdisjoint(sound) and not is_significant(law, tried)}
     of_runs = {effect.key for effect in joint.effects if effect.is_of_run()}
     return out | {law.key for law in joint.laws if law.key in of_runs and not law.rows <= set(sound)}
 
@@ -262,14 +264,14 @@ def _weakest(laws: Sequence[AddedLaw]) -> AddedLaw | None:
     return min(laws, key=lambda law: law.force, default=None)
 
 
-def _is_significant(law: AddedLaw, space: ScoreTests) -> bool:
+def is_significant(law: AddedLaw, space: ScoreTests) -> bool:
     """Whether a law of the model is there beside the others."""
     return space.family_wise_of(law.force, law.null) <= SELECTION.level(space.draws)
 
 
 def _stands(law: AddedLaw, laws: Sequence[AddedLaw], space: ScoreTests) -> bool:
     """Whether a law of the model is there beside the others, and is not what these leave as they are not exact."""
-    if not _is_significant(law, space):
+    if not is_significant(law, space):
         return False
     return law.force > inexactness_of(law.family, law.rows, [other for other in laws if other.force > law.force])
 
