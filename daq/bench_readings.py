@@ -49,6 +49,13 @@ LOADED = {"fx": 25.0, "fy": 25.0, "mz": 5.0, "traction": 25.0}
 """What counts as loaded [N, N·m]: such rows are of compliance and not of kinematics."""
 CLEAR = {"m": 1e-3, "rad": np.radians(0.1)}
 """Change of a joint over a test from which its sign is judged."""
+RIGID = 0.5
+"""Change of the track ÷ shift of a wheel to the side, below which an axle counts as rigid. Source: a choice."""
+LARGEST = {
+    "rack": 0.5, "travel": 0.5, "x": 0.5, "y": 0.5, "z": 0.5,
+    "toe": np.radians(60.0), "camber": np.radians(30.0), "spin": np.radians(30.0),
+}  # fmt: skip
+"""Readings that no car reaches [m, rad]; degrees taken as radians, and mm as m, are beyond. Source: a choice."""
 
 
 class BenchError(FileFault):
@@ -171,6 +178,11 @@ def sign_faults(bench: BenchReadings) -> list[str]:
     """Faults that no car can have: columns with another sign, or of the other side."""
     out: list[str] = []
     free, rack = bench.free, bench.columns["rack"]
+    for column, values in bench.columns.items():
+        most, largest = LARGEST.get(column.partition(".")[0], np.inf), float(np.max(np.abs(values), initial=0.0))
+        if largest > most:
+            unit, factor = ("mm", 1e3) if COLUMNS[column] == "m" else ("°", np.degrees(1.0))
+            out.append(f"{column}: reaches {factor * largest:.0f} {unit}, which no car does: another unit is meant")
     for corner in CORNERS:
         travel = bench.of("travel", corner)[free]
         if (
@@ -203,6 +215,15 @@ def sign_faults(bench: BenchReadings) -> list[str]:
                         f"{q}.{left} and {q}.{right} change against each other where both wheels rise: "
                         f"{'toe-in' if q == 'toe' else 'top outwards'} is positive on both sides"
                     )
+            y = {c: bench.of("y", c) for c in (left, right)}
+            slopes = [_slope(a[together], y[c][together]) * np.ptp(a[together]) for c in (left, right)]
+            # A rigid axle shifts to one side as a whole: its track stays what it is whatever its wheels do.
+            track, shift = np.ptp((y[left] + y[right])[free & still]), np.ptp(y[left][free & still])
+            if slopes[0] * slopes[1] < 0.0 and CLEAR["m"] < min(map(abs, slopes)) and track > RIGID * shift:
+                out.append(
+                    f"y.{left} and y.{right} change against each other where both wheels rise, of no rigid axle: "
+                    "outwards is positive on both sides"
+                )
         turned = free & (np.abs(a) < MOVED["travel"]) & (np.abs(b) < MOVED["travel"])
         if np.any(turned) and np.ptp(rack[turned]) > 0.01:
             slopes = [_slope(rack[turned], bench.of("toe", c)[turned]) * np.ptp(rack[turned]) for c in (left, right)]
@@ -231,8 +252,14 @@ def joint_tables(bench: BenchReadings) -> dict[str, JointTables]:
         for k, x in enumerate((own, other, rack)):
             alone = bench.free & ~np.any([m for i, m in enumerate(moves) if i != k], axis=0)
             curves.append(_curve(x[alone], values[alone]))
+        alike = None if curves[0] else _of_bump_and_roll(own, other, values, bench.free & ~moves[2])
+        if alike is not None:
+            curves[:2] = alike
         if curves[0] is None:
-            faults.append(f"{corner}: no test moves it through 0 while the other wheel and the rack are held")
+            faults.append(
+                f"{corner}: no test moves it through 0 while the other wheel and the rack are held, nor both wheels of "
+                "the axle together and in opposite directions: add a test of one wheel, or a bump and a roll test"
+            )
             continue
         table = JointTables(curves[0], curves[1], curves[2], {})
         middle = values[bench.free & ~np.any(moves, axis=0)]
@@ -250,6 +277,26 @@ def joint_tables(bench: BenchReadings) -> dict[str, JointTables]:
     if faults:
         raise BenchError(", ".join(bench.files), faults)
     return out
+
+
+def _of_bump_and_roll(
+    own: Array, other: Array, values: Array, rows: NDArray[np.bool_]
+) -> tuple[JointCurve, JointCurve] | None:  # fmt: skip
+    """The joints against own and other travel, from rows with both wheels together and in opposite directions.
+
+    T(s, s) and T(s, −s) determine what is odd in each travel, and of what is even the sum alone: it is taken as own.
+    None where one of the tests is missing, or has no travel on both sides of 0. As far as both tests reach.
+    """
+    bump, roll = (
+        _curve(own[where], values[where])
+        for where in (rows & (np.abs(own - other) < MOVED["travel"]), rows & (np.abs(own + other) < MOVED["travel"]))
+    )
+    if bump is None or roll is None:
+        return None
+    reach = min(abs(end) for curve in (bump, roll) for end in (curve.at[0], curve.at[-1]))
+    at = bump.at[np.abs(bump.at) <= reach + MOVED["travel"]]
+    odd = [(curve.value(at) - curve.value(-at)) / 2.0 for curve in (bump, roll)]
+    return JointCurve(at, (bump.value(at) + roll.value(at)) / 2.0), JointCurve(at, (odd[0] - odd[1]) / 2.0)
 
 
 def _with_mixed(

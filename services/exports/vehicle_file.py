@@ -27,7 +27,8 @@ def vehicle_text(vehicle: Vehicle, result: Mapping[str, Any], title: str) -> str
         if name not in found:
             known[name] = _entry(value=old.value, unit=old.unit, source=old.source)
     for name, (one, group) in found.items():
-        note = f"95 % interval with the sensor sheet ± {half_width(one['half95_sheet'])}, noise only ± {half_width(one['half95'])}"
+        with_sheet, noise_only = half_width(one["half95_sheet"]), half_width(one["half95"])
+        note = f"95 % interval with the sensor sheet ± {with_sheet}, noise only ± {noise_only}"
         known[name] = _entry(value=one["value"], unit=one["unit"], source=title + group, note=note)
     document["apriori"] = known
     return tomlkit.dumps(document)

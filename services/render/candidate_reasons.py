@@ -70,8 +70,8 @@ def reason_text(c: Candidate, effect: Effect | None, draws: int) -> str:
             )
         case Reason.ASSUMED:
             return (
-                f"{takes} Undecided: within the tolerances of assumed channels its size may be zero, and rows that these "
-                f"hardly move do not show it ({chance})."
+                f"{takes} Undecided: within the tolerances of assumed channels its size may be zero, and rows that "
+                f"these hardly move do not show it ({chance})."
             )
         case Reason.TIED:
             return (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -58,6 +58,11 @@ def readings() -> Readings:
     states = [(s, 0.0, 0.0) for s in line] + [(0.0, s, 0.0) for s in line]
     states += [(a, b, 0.0) for a, b in itertools.product((-0.03, 0.0, 0.03), repeat=2)]
     states += [(s, s, r) for s in (-0.03, 0.0, 0.03) for r in np.linspace(-0.04, 0.04, 9)]
+    return of_states(states)
+
+
+def of_states(states: Sequence[tuple[float, float, float]]) -> Readings:
+    """Readings at left travels, right travels and settings of the rack; SI."""
     out: dict[str, list[float]] = {"rack": [r for _, _, r in states]}
     for corner in CORNERS:
         for name in ("travel", "z", "y", "x", "toe", "camber", "spin"):
@@ -134,6 +139,10 @@ def spoilt(which: str) -> Readings:
     elif which == "sides":
         for name in ("x", "y", "toe", "camber", "spin"):
             columns[f"{name}.rl"], columns[f"{name}.rr"] = columns[f"{name}.rr"], columns[f"{name}.rl"]
+    elif which == "outwards":
+        columns["y.fr"] = -columns["y.fr"]
+    elif which == "radians":
+        columns["camber.fl"] = np.degrees(columns["camber.fl"])
     return columns
 
 
@@ -144,6 +153,8 @@ def spoilt(which: str) -> Readings:
         ("steer", r"toe\.fl and toe\.fr change alike with the rack"),
         ("camber", r"camber\.rl and camber\.rr change against each other"),
         ("sides", r"columns of left and right are exchanged"),
+        ("outwards", r"y\.fl and y\.fr change against each other"),
+        ("radians", r"camber\.fl: reaches \d+ °"),
     ],
 )
 def test_a_wrong_sign_or_side_is_refused_by_name(tmp_path: Path, which: str, says: str) -> None:
@@ -176,6 +187,24 @@ def test_without_a_wheel_moved_alone_there_are_no_tables(tmp_path: Path) -> None
     file = write(tmp_path / "bump.csv", {name: values[both] for name, values in columns.items()})
     with pytest.raises(BenchError, match="fl: no test moves it"):
         joint_tables(read_bench([file]))
+
+
+def test_bump_and_roll_tests_are_enough_but_for_how_what_is_even_is_shared(tmp_path: Path) -> None:
+    """This car's other wheel acts in proportion: nothing of it is even."""
+    line = np.linspace(-0.05, 0.05, 11)
+    states = [(s, s, 0.0) for s in line] + [(s, -s, 0.0) for s in line]
+    for name, reach in (("bump", 11), ("roll", 11), ("short", 9)):
+        part = states[11:] if name == "roll" else states[:11]
+        columns = of_states(part[(11 - reach) // 2 : (11 + reach) // 2])
+        write(tmp_path / f"{name}.csv", columns)
+    whole = joint_tables(read_bench([write(tmp_path / "all.csv", readings())]))
+    for first in ("bump", "short"):
+        tables = joint_tables(read_bench([tmp_path / f"{first}.csv", tmp_path / "roll.csv"]))
+        for corner, table in tables.items():
+            assert table.own.at[-1] == pytest.approx(0.05 if first == "bump" else 0.04)
+            for own, other in ((0.02, 0.0), (-0.04, 0.03), (0.0, 0.01)):
+                at = np.array(own), np.array(other), np.array(0.0)
+                np.testing.assert_allclose(table.at(*at), whole[corner].at(*at), atol=2e-5)
 
 
 def test_joints_are_written_into_a_vehicle_file_and_read_again(tmp_path: Path) -> None:
