@@ -49,6 +49,8 @@ LOADED = {"fx": 25.0, "fy": 25.0, "mz": 5.0, "traction": 25.0}
 """What counts as loaded [N, N·m]: such rows are of compliance and not of kinematics."""
 CLEAR = {"m": 1e-3, "rad": np.radians(0.1)}
 """Change of a joint over a test from which its sign is judged."""
+LEAST_SMOOTHED = 5
+"""Settings of a test from which a curve is smoothed. Source: what `scipy.interpolate.make_smoothing_spline` needs."""
 RIGID = 0.5
 """Change of the track ÷ shift of a wheel to the side, below which an axle counts as rigid. Source: a choice."""
 LARGEST = {
@@ -316,7 +318,7 @@ def _with_mixed(
 
 
 def _curve(x: Array, values: Array) -> JointCurve | None:
-    """Means of the rows at each setting of x; None when they do not reach both sides of 0."""
+    """Means of the rows at each setting of x, without their scatter; None when they do not reach both sides of 0."""
     if len(x) < 3 or not x.min() < -MOVED["travel"] < MOVED["travel"] < x.max():
         return None
     order = np.argsort(x, kind="stable")
@@ -326,5 +328,25 @@ def _curve(x: Array, values: Array) -> JointCurve | None:
     weight = np.bincount(groups, minlength=n)
     at = np.bincount(groups, x, n) / weight
     means = np.stack([np.bincount(groups, column, n) / weight for column in values.T], axis=1)
+    means = _smoothed(at, means)
     zero = int(np.argmin(np.abs(at)))
     return JointCurve(at, means - means[zero] if abs(at[zero]) < MOVED["travel"] else means)
+
+
+def _smoothed(at: Array, values: Array) -> Array:
+    """Readings (n, k) at n settings without their scatter, of which a curve through each would make slopes.
+
+    Cubic smoothing splines, as smooth as generalised cross-validation has them: P. Craven and G. Wahba, Smoothing noisy
+    data with spline functions, Numerische Mathematik 31 (1979).
+    """
+    # Only here: SciPy is not needed to read a vehicle file.
+    from scipy.interpolate import make_smoothing_spline
+
+    if len(at) < LEAST_SMOOTHED:
+        return values
+    x, spans = (at - at[0]) / (at[-1] - at[0]), np.ptp(values, axis=0)
+    columns = [
+        span * make_smoothing_spline(x, column / span)(x) if span > 0.0 else column
+        for span, column in zip(spans, values.T, strict=True)
+    ]
+    return np.stack(columns, axis=1)

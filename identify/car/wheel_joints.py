@@ -33,6 +33,7 @@ class WheelJoints:
     ----------
     half_track, half_wheelbase, pitch : y and x of the wheel centre [m]; pitch with travel and, by a table of it, with
         the rack [rad].
+    steer, camber : changes in the same way [rad].
     kingpin : pitch from steering about the kingpin's axis, where no table of the rack has it [rad].
     by_own : (5, N) slopes of y, x, steer, camber, pitch by the wheel's own travel.
     by_other : the same by the travel of the axle's other wheel; None where it does not move with it.
@@ -42,6 +43,8 @@ class WheelJoints:
     half_track: Course
     half_wheelbase: Course
     pitch: Course
+    steer: Course
+    camber: Course
     kingpin: Course
     by_own: Array
     by_other: Array | None
@@ -73,8 +76,8 @@ def _by_bump_table(corner: Corner, own: Course, steer: Course, errors: SlopeErro
         return offset + s, d * speed, d * accel + dd * speed**2
 
     return WheelJoints(
-        tabled(0, corner.position[1]), tabled(1, corner.position[0]), tabled(4, 0.0), _kingpin(corner, steer),
-        slope, None, None,
+        tabled(0, corner.position[1]), tabled(1, corner.position[0]), tabled(4, 0.0), tabled(2, 0.0),
+        tabled(3, 0.0), _kingpin(corner, steer), slope, None, None,
     )  # fmt: skip
 
 
@@ -121,8 +124,8 @@ def _by_joint_tables(
     value, rate, accel = (signs * part for part in joints)
     return WheelJoints(
         (corner.position[1] + value[0], rate[0], accel[0]), (corner.position[0] + value[1], rate[1], accel[1]),
-        (value[4], rate[4], accel[4]), kingpin, signs * by_own, None if by_other is None else signs * by_other,
-        rate[[1, 0]],
+        *((value[k], rate[k], accel[k]) for k in (4, 2, 3)), kingpin, signs * by_own,
+        None if by_other is None else signs * by_other, rate[[1, 0]],
     )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from lacet.identify.car.sources.attitude import attitude_by_gravity
 from lacet.identify.car.sources.car_bus import LATERAL, YAW_RATE, BusAccel, BusRates
 from lacet.identify.car.sources.nominal_load import NominalLoad
 from lacet.identify.car.sources.travel import DamperTravel, LoadTravel, UnsprungForce
-from lacet.identify.car.sources.wheel_angles import Camber, Steer, SteeringWheel, SteerOfOther, Turning
+from lacet.identify.car.sources.wheel_angles import Camber, Steer, SteeringWheel, SteerOfOther, Travels, Turning
 from lacet.identify.car.sources.wheel_force import LoadCell, Pushrod, Scale
 from lacet.identify.car.sources.wheel_moment import ContactMoment, Outboard
 from lacet.identify.car.sources.wheel_speed import RolledSpeed, Speed, speed_of_turns
@@ -257,23 +257,24 @@ class _Completion:
 
     def _steer(self, corner: Corner) -> None:
         c, vehicle, rig = corner.name, self.recording.vehicle, self.recording.rig
-        channel, hub, design = f"camera.{c}.steer", f"laser.{c}.hub", design_reading(rig, corner)
+        channel, hub = f"camera.{c}.steer", f"laser.{c}.hub"
         if self._has(channel) or not self._known(hub, f"wheel.{c}.force"):
             return
+        travels, lasers = self._travels(corner)
         zero, kinds = self._assume("toe", c), (Kind.ASSUMED,)
         other = vehicle.corners[c[0] + ("r" if c[1] == "l" else "l")]
         if self._has(seen := f"camera.{other.name}.steer"):
-            self._add(SteerOfOther(corner, design, zero, other), Method.OTHER_WHEEL, kinds, (seen,))
+            self._add(SteerOfOther(travels, zero, other), Method.OTHER_WHEEL, kinds, (seen,))
         elif c[0] == "r":
-            self._add(Steer(corner, design, zero), Method.BENCH_TABLE, kinds, (hub,))
+            self._add(Steer(travels, zero), Method.BENCH_TABLE, kinds, lasers)
         elif self._has("steering.angle") and (vehicle.steering is not None or self._assume("steering_ratio").given):
             scale = self._assume("steering_ratio" if vehicle.steering is None else "steering_table")
-            law = SteeringWheel(corner, design, zero, scale, vehicle.steering)
-            self._add(law, Method.STEERING_WHEEL, kinds, ("steering.angle", hub))
+            law = SteeringWheel(travels, zero, scale, vehicle.steering)
+            self._add(law, Method.STEERING_WHEEL, kinds, ("steering.angle", *lasers))
         elif self._known(*_INERTIAL) and self._known(*(f"wheel.{one}.force" for one in CORNERS)):
             speed = self._the_speed()
             slips = self._assume("slip_angle", "fl"), self._assume("slip_angle", "rl")
-            law = Turning(corner, design, zero, rig, vehicle.wheelbase, speed, *slips)
+            law = Turning(travels, zero, rig, vehicle.wheelbase, speed, *slips)
             self._add(law, Method.TURN, kinds, tuple(name for name in (*_INERTIAL, speed.channel) if name))
             if self._has("steering.angle"):
                 self.notes.append(SteeringAngleUnused())
@@ -283,11 +284,18 @@ class _Completion:
         needed = f"laser.{c}.hub", f"camera.{c}.steer"
         if self._has(channel) or not self._known(*needed):
             return
-        law = Camber(
-            corner, design_reading(self.recording.rig, corner), self._assume("camber", c),
-            self._assume("camber_slope", c),
-        )  # fmt: skip
-        self._add(law, Method.BENCH_TABLE, (Kind.ASSUMED,), needed)
+        travels, lasers = self._travels(corner)
+        law = Camber(travels, self._assume("camber", c), self._assume("camber_slope", c))
+        self._add(law, Method.BENCH_TABLE, (Kind.ASSUMED,), (*lasers, needed[1]))
+
+    def _travels(self, corner: Corner) -> tuple[Travels, tuple[str, ...]]:
+        """The travels that a wheel's bench tables are against, and the channels that give them."""
+        rig, own = self.recording.rig, f"laser.{corner.name}.hub"
+        other = self.recording.vehicle.corners[other_corner(corner.name)]
+        design = design_reading(rig, corner)
+        if corner.follows_other and self._known(laser := f"laser.{other.name}.hub"):
+            return Travels(corner, design, design_reading(rig, other)), (own, laser)
+        return Travels(corner, design), (own,)
 
     def _speed(self, corner: Corner) -> None:
         c = corner.name

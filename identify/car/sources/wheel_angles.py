@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lacet.daq.assumptions import Assumption
+from lacet.daq.channels import other_corner
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Corner, SteeringTable
 from lacet.identify.car.body_motion import body_motion
-from lacet.identify.car.car_tree import kinematics, kingpin_camber
+from lacet.identify.car.car_tree import kingpin_camber
+from lacet.identify.car.motion import Course
 from lacet.identify.car.sources.wheel_speed import Speed
+from lacet.identify.car.wheel_joints import WheelJoints, wheel_joints
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.reconstruct import Signals
 from lacet.identify.signals.sources import Law, Series
@@ -23,12 +26,40 @@ LEAST_LOAD = 500.0
 """Load of an axle below which its lateral force ÷ load is taken as at this load [N]."""
 
 
-def along_travel(corner: Corner, design: float, column: int, signals: Signals) -> Series:
-    """A column of the bench table (2 toe, 3 camber) along the travel, with its derivatives (1, N)."""
-    hub, rate, accel = (part[f"laser.{corner.name}.hub"][0] for part in (signals.value, signals.rate, signals.accel))
-    table = kinematics(corner, design - hub)
-    slope, bend = table.slope[column], table.curvature[column]
-    return Series(table.change[column][None], (-slope * rate)[None], (-slope * accel + bend * rate**2)[None])
+@dataclass(frozen=True)
+class Travels:
+    """Travels that the bench tables of a wheel are against.
+
+    `design` : reading of its hub laser at design height [m]; `other` : that of the axle's other wheel, None where that
+    does not move this one, or its travel is not known: then it is taken to be this one's.
+    """
+
+    corner: Corner
+    design: float
+    other: float | None = None
+
+    def own(self, signals: Signals) -> Course:
+        """The wheel's own travel (N,) [m] and its derivatives."""
+        return _travel(self.corner.name, self.design, signals)
+
+    def joints(self, signals: Signals, steer: Course, *, rack: bool) -> WheelJoints:
+        """The wheel's joints along them; without `rack` those at the rack's middle."""
+        own, corner = self.own(signals), self.corner
+        name = other_corner(corner.name)
+        other = own if self.other is None else _travel(name, self.other, signals)
+        if corner.joints is not None and not rack:
+            corner = replace(corner, joints=replace(corner.joints, rack=None))
+        return wheel_joints(corner, own, other if corner.follows_other else None, steer)
+
+
+def _travel(c: str, design: float, signals: Signals) -> Course:
+    hub, rate, accel = (part[f"laser.{c}.hub"][0] for part in (signals.value, signals.rate, signals.accel))
+    return design - hub, -rate, -accel
+
+
+def _series(course: Course) -> Series:
+    value, rate, accel = (part[None] for part in course)
+    return Series(value, rate, accel)
 
 
 def _sum(*parts: Series) -> Series:
@@ -45,14 +76,15 @@ def _constant(value: Array) -> Series:
 
 @dataclass(frozen=True)
 class Steer(Law[Signals]):
-    """Steer of a wheel: static toe, toe of the bench table, a zero, and what a subclass says of the steering.
+    """Steer of a wheel: static toe, toe of the bench table, a zero, and what a subclass says of the steering."""
 
-    `design` : reading of the hub laser at design height [m].
-    """
-
-    corner: Corner
-    design: float
+    travels: Travels
     zero: Assumption
+
+    @property
+    def corner(self) -> Corner:
+        """The wheel's corner."""
+        return self.travels.corner
 
     @property
     def channel(self) -> str:
@@ -67,7 +99,9 @@ class Steer(Law[Signals]):
     def series(self, signals: Signals) -> Series:
         """The steer angle and its derivatives."""
         zero = signals.assumed[self.zero.name] - self.corner.side * self.corner.static_toe
-        return _sum(_constant(zero), along_travel(self.corner, self.design, 2, signals), self.steered(signals))
+        own = self.travels.own(signals)
+        joints = self.travels.joints(signals, (0.0 * own[0],) * 3, rack=False)
+        return _sum(_constant(zero), _series(joints.steer), self.steered(signals))
 
     def steered(self, signals: Signals) -> Series:
         """Steer from the steering; of an axle that does not steer none."""
@@ -146,12 +180,19 @@ class Turning(Steer):
 
 @dataclass(frozen=True)
 class Camber(Law[Signals]):
-    """Camber of a wheel: static, of the bench table, of the steering about the inclined kingpin, zero and slope."""
+    """Camber of a wheel: static, of the bench table, of the steering, zero and slope.
 
-    corner: Corner
-    design: float
+    Of the steering it is the bench table's against the rack, or without one that about the inclined kingpin.
+    """
+
+    travels: Travels
     zero: Assumption
     slope: Assumption
+
+    @property
+    def corner(self) -> Corner:
+        """The wheel's corner."""
+        return self.travels.corner
 
     @property
     def channel(self) -> str:
@@ -167,12 +208,11 @@ class Camber(Law[Signals]):
         """The camber angle and its derivatives."""
         c, side = self.corner.name, self.corner.side
         zero = signals.assumed[self.zero.name] - side * self.corner.static_camber
-        hub, rate, accel = (part[f"laser.{c}.hub"] for part in (signals.value, signals.rate, signals.accel))
         slope = -side * signals.assumed[self.slope.name]
-        travel = Series(slope * (self.design - hub), -slope * rate, -slope * accel)
-        steer, steer_rate, steer_accel = (
-            part[f"camera.{c}.steer"][0] for part in (signals.value, signals.rate, signals.accel)
-        )
-        change, by, bend = kingpin_camber(self.corner, steer)
-        kingpin = Series(change[None], (by * steer_rate)[None], (by * steer_accel + bend * steer_rate**2)[None])
-        return _sum(_constant(zero), travel, kingpin, along_travel(self.corner, self.design, 3, signals))
+        travel = Series(*(slope * part for part in self.travels.own(signals)))
+        turned, rate, accel = (part[f"camera.{c}.steer"][0] for part in (signals.value, signals.rate, signals.accel))
+        tabled = _series(self.travels.joints(signals, (turned, rate, accel), rack=True).camber)
+        if self.corner.joints is not None and self.corner.joints.steered:
+            return _sum(_constant(zero), travel, tabled)
+        change, by, bend = kingpin_camber(self.corner, turned)
+        return _sum(_constant(zero), travel, tabled, _series((change, by * rate, by * accel + bend * rate**2)))
