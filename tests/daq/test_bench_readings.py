@@ -100,7 +100,7 @@ def test_curves_and_products_are_those_of_the_car_and_the_mixed_error_is_what_re
         side = 1.0 if corner[1] == "l" else -1.0
         toe = list(JOINTS).index("toe")
         assert table.rack_product[toe] == pytest.approx(side * MIXED if corner[0] == "f" else 0.0, abs=1e-6)
-        np.testing.assert_allclose(table.product, 0.0, atol=1e-6)
+        np.testing.assert_allclose(table.product, 0.0, atol=1e-3)  # 1 µm at 30 mm of both travels
         largest = BEYOND * 0.03**2 * 0.04**2 if corner[0] == "f" else 0.0
         assert table.mixed["toe"] == pytest.approx(largest, abs=2e-6)
         assert table.mixed["half_track"] == pytest.approx(0.0, abs=2e-5)
