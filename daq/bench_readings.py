@@ -264,6 +264,9 @@ def joint_tables(bench: BenchReadings) -> dict[str, JointTables]:
             )
             continue
         table = JointTables(curves[0], curves[1], curves[2], {})
+        if not table.steered:
+            table = replace(table, rack=None)  # what the readings of a wheel that no rack steers scatter by
+            curves[2] = None
         middle = values[bench.free & ~np.any(moves, axis=0)]
         several = bench.free & (np.sum(moves, axis=0) > 1)
         if np.any(several) and len(middle):

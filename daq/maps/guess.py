@@ -123,7 +123,7 @@ def map_text(guesses: Sequence[Guess], file: str, accept: bool = False) -> str:
     proposed = sorted((g for g in guesses if g.column), key=lambda g: list(COLUMNS).index(g.column))
     used = [g for g in proposed if accept or g.probability >= ACCEPTED]
     columns = {g.column for g in proposed}
-    units = [f'{_key(g.name)} = "{g.said_unit}"' for g in used if g.said_unit]
+    units = [f'{_key(g.name)} = "{g.said_unit}"' for g in proposed if g.said_unit]
     lines = [f'format = "{FORMAT}"', f"# proposed from {file}: look through it, signs first", "", *_RUN]
     if units:
         lines += ["", "[sources]  # the file has no unit for these", *units]

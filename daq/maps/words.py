@@ -95,7 +95,7 @@ _COMPOUND = {
     "vit": "speed", "fahrbahnabstand": "ground", "fahrbahn": "ground", "raddrehwinkel": "wheel angle",
     "antriebsmoment": "drive moment", "bremsmoment": "brake moment", "antrieb": "drive", "antriebs": "drive",
     "brems": "brake", "halfshaft": "drive", "driveshaft": "drive", "shaft": "drive", "seitenwelle": "drive",
-    "gelenkwelle": "drive",
+    "gelenkwelle": "drive", "vlong": "velocity x", "brk": "brake", "brkpress": "brake pressure", "hlaser": "ground",
 }  # fmt: skip
 
 _JAPANESE = {

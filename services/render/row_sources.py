@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from lacet.daq.channels import CHANNELS
+from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.identify.signals.sources import Method
 from lacet.identify.validation.row_sources import RowKind, RowSource
 from lacet.services.render.intervals import half_width
@@ -146,18 +146,26 @@ ASSUMPTIONS_HEAD = ("assumed", "value", "± 1 σ", "unit", "from")
 
 
 def assumptions_lines(result: Sequence[Mapping[str, Any]]) -> list[list[str]]:
-    """What is assumed: value, tolerance and where they come from, in the order of `ASSUMPTIONS_HEAD`."""
+    """What is assumed: value, tolerance and where they come from, in the order of `ASSUMPTIONS_HEAD`.
+
+    One line for what is the same at several places.
+    """
     found: dict[str, Mapping[str, Any]] = {}
     for one in result:
         for assumption in one["assumptions"]:
             found.setdefault(assumption["name"], assumption)
-    return [
-        [
-            name, f"{a['value']:.4g}", half_width(a["tolerance"]), a["unit"],
-            a["source"] if a["given"] else f"default: {a['source']}",
-        ]
-        for name, a in sorted(found.items())
-    ]  # fmt: skip
+    alike: dict[tuple[str, ...], list[str]] = {}
+    for name, a in sorted(found.items()):
+        source = a["source"] if a["given"] else f"default: {a['source']}"
+        cells = (f"{a['value']:.4g}", half_width(a["tolerance"]), a["unit"], source)
+        alike.setdefault((name.partition(".")[0], *cells), []).append(name)
+    return [[_at_places(names), *cells] for (_, *cells), names in alike.items()]
+
+
+def _at_places(names: Sequence[str]) -> str:
+    """Names of one assumption at several places, ``camber.*`` for all four corners, ``camber_slope.front, rear``."""
+    name, places = names[0].partition(".")[0], [one.partition(".")[2] for one in names]
+    return f"{name}.*" if set(places) == {*CORNERS} else ", ".join([names[0], *places[1:]])
 
 
 def assumptions_table(result: Sequence[Mapping[str, Any]]) -> str:

@@ -116,10 +116,13 @@ def _failed(_: Request, error: Exception) -> JSONResponse:
     return JSONResponse({"error": f"{error.filename or ''}: {error.strerror or error}".lstrip(": ")}, status)
 
 
-def _misread(_: Request, error: Exception) -> JSONResponse:
+def _misread(request: Request, error: Exception) -> JSONResponse:
     found = error.errors() if isinstance(error, RequestValidationError) else []
-    places = [".".join(str(part) for part in e["loc"][1:]) + ": " + str(e["msg"]) for e in found]
-    return JSONResponse({"error": f"the question cannot be read: {'; '.join(places)[:400]}"}, 400)
+    places = [": ".join(filter(None, (".".join(map(str, e["loc"][1:])), str(e["msg"])))) for e in found]
+    said = f"the question cannot be read: {'; '.join(places)[:400]}"
+    if not request.headers.get("content-type", "").startswith("application/json"):
+        said += ". Send it as JSON: Content-Type: application/json"
+    return JSONResponse({"error": said}, 400)
 
 
 def _plain(_: Request, error: Exception) -> JSONResponse:

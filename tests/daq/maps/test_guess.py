@@ -108,7 +108,8 @@ def test_the_map_written_is_read_and_what_is_not_sure_is_a_comment(tmp_path: Pat
     found = conforms(result, "map")
     sure = {one["column"] for one in found["names"] if one["probability"] >= ACCEPTED}
     assert len(ChannelMap.load(tmp_path / "map.toml").channels) == len(sure)
-    assert sum(line.startswith('# "') for line in (tmp_path / "map.toml").read_text().splitlines()) > 0
+    text = (tmp_path / "map.toml").read_text(encoding="utf-8")
+    assert sum(line.startswith('# "') for line in text.splitlines()) > 0
     assert main([*map(str, words), "--accept", "--force"]) == 0
     proposed = {one["column"] for one in found["names"] if one["column"]}
     assert len(ChannelMap.load(tmp_path / "map.toml").channels) == len(proposed)
@@ -158,10 +159,24 @@ def test_the_unit_decides_between_a_velocity_and_a_rate(tmp_path: Path) -> None:
     ("Federweg_HR", "suspension.rr.travel"), ("Fz_VL", "wheel.fl.force.z"), ("GPS_Speed", "gnss.speed"),
     ("Bremsdruck", "brake.pressure"), ("Motordrehzahl", "engine.speed"), ("Wheel.RearLeft.ForceX", "wheel.rl.force.x"),
     ("Laser_Nabe_HL", "laser.rl.hub"), ("Hoehe_Boden_VR", "laser.fr.ground"), ("Lenkwinkel_VL", "camera.fl.steer"),
+    ("Opt_Vlong", "correvit.speed.x"), ("BrkPress", "brake.pressure"), ("HLaser_LF", "laser.fl.ground"),
     ("v_laengs", "correvit.speed.x"), ("v_quer", "correvit.speed.y"), ("Lenkwinkel", "steering.angle"),
 ])  # fmt: skip
 def test_the_usual_words_of_several_languages(name: str, column: str) -> None:
     assert meanings(name)[0].column == column
+
+
+def test_a_proposal_that_is_a_comment_has_its_unit_in_the_map_too(tmp_path: Path) -> None:
+    t = np.arange(0.0, 10.0, 0.01)
+    columns = np.column_stack([t, 66 + np.sin(t), 66 + np.cos(t)])
+    np.savetxt(tmp_path / "a.csv", columns, "%.6f", ",", header="t,Speed_kmh,VehSpd_kmh", comments="")
+    with opened(tmp_path / "a.csv") as source:
+        found = guess(source)
+    assert max(one.probability for one in found) < ACCEPTED
+    text = map_text(found, "a.csv").replace('# "car.speed"', '"car.speed"', 1)
+    name = next(one.name for one in found if one.column)
+    assert f'"{name}" = "km/h"' in text
+    assert ChannelMap.parse(text).channels
 
 
 def test_a_word_that_is_none_means_nothing() -> None:
