@@ -8,6 +8,7 @@ sensor sheet, must be there in rows that the assumptions hardly move.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -21,24 +22,32 @@ from lacet.identify.validation.row_sources import assumed_channels
 
 
 def only_beyond_assumptions(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
-    """The same without the laws found that errors of assumed channels may stand for, the weakest first."""
-    while True:
-        open_to_zero = [law for law in joint.laws if law.key in joint.keys and _may_be_zero(joint, law)]
-        moved = _moved_by_assumptions(joint) if open_to_zero else frozenset()
-        if not moved:
-            return joint
-        sound = [row for row in joint.space.fitted.rows if row not in moved]
-        elsewhere = {law.key: law for law in (laws_on_rows(joint.space, sound) if sound else ())}
-        doubtful = [
-            law
-            for law in open_to_zero
-            if not law.rows.isdisjoint(moved)
-            and (law.rows <= moved or not is_significant(elsewhere[law.key], joint.space))
-        ]
-        if not doubtful:
-            return joint
+    """The same without the laws found that errors of assumed channels may stand for, the weakest first.
+
+    Those alone that may be zero beside all that is found: without one of them the intervals of others are wider.
+    """
+    doubtful = _doubtful(joint, joint.keys)
+    while doubtful:
         key = min(doubtful, key=lambda law: law.force).key
         joint = without_effects(replace(joint, assumed=joint.assumed | {key}), [key], seed, progress)
+        doubtful = _doubtful(joint, [law.key for law in doubtful])
+    return joint
+
+
+def _doubtful(joint: Joint, keys: Collection[str]) -> list[AddedLaw]:
+    """Of the laws found with these keys those of which all sizes may be zero, and that rows the assumptions hardly move
+    do not show."""
+    may_be_zero = [law for law in joint.laws if law.key in {*keys} & {*joint.keys} and _may_be_zero(joint, law)]
+    moved = _moved_by_assumptions(joint) if may_be_zero else frozenset[Row]()
+    if not moved:
+        return []
+    sound = [row for row in joint.space.fitted.rows if row not in moved]
+    elsewhere = {law.key: law for law in (laws_on_rows(joint.space, sound) if sound else ())}
+    return [
+        law
+        for law in may_be_zero
+        if not law.rows.isdisjoint(moved) and (law.rows <= moved or not is_significant(elsewhere[law.key], joint.space))
+    ]
 
 
 def _may_be_zero(joint: Joint, law: AddedLaw) -> bool:

@@ -9,8 +9,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from lacet.daq.channels import CORNERS
+from lacet.daq.channels import CORNERS, other_corner
 from lacet.daq.errors import VehicleError
+from lacet.daq.joint_tables import JOINTS
 from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import CHASSIS_ROWS, SUSPENSION_ROWS, TYRE_ROWS, Row, leading
@@ -18,6 +19,7 @@ from lacet.identify.car.sources.completion import SteeringAngleUnused, completed
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity, residual
 from lacet.identify.regression.tolerances import ASSUMED, sheet_responses
+from lacet.identify.signals.for_equations import design_reading
 from lacet.identify.signals.reconstruct import Recording, Signals
 from lacet.identify.signals.sources import Kind, Method
 from lacet.services.render.rows import run_notes
@@ -124,6 +126,42 @@ def test_a_law_is_near_the_channel_that_it_stands_in_for() -> None:
         assert np.std(about_x - less.value[f"wheel.{c}.moment"][0]) < 0.1 * np.std(about_x), c
         travel = full.value[f"laser.{c}.hub"] - less.value[f"laser.{c}.hub"]
         assert np.std(travel) < 0.5 * np.std(full.value[f"laser.{c}.hub"]), c
+
+
+def test_angles_by_joint_tables_follow_both_wheels_and_the_rack() -> None:
+    """Camber at the rack at which the wheel has its steer; steer of a wheel that no rack turns; and their rates."""
+    vehicle, rng, n, step = cars.with_joints(VEHICLE), np.random.default_rng(5), 40, 1e-5
+    begun = cars.random_signals(3, n)
+    travel, rack = rng.uniform(-0.04, 0.04, (4, n)), rng.uniform(-0.03, 0.03, n)
+    moving, turning = rng.normal(0.0, 0.3, (4, n)), rng.normal(0.0, 0.1, n)
+
+    def at(time: float) -> tuple[Signals, dict[str, np.ndarray]]:
+        """Hub lasers and steer at travels and rack that move on, and the angles that the tables give."""
+        value, angles = dict(begun.value), dict[str, np.ndarray]()
+        for i, (c, corner) in enumerate(vehicle.corners.items()):
+            own, other = (travel + time * moving)[[i, CORNERS.index(other_corner(c))]]
+            assert corner.joints is not None
+            changes = corner.joints.at(own, other, rack + time * turning if corner.joints.steered else 0.0 * rack)
+            toe, camber = (changes[:, list(JOINTS).index(name)] for name in ("toe", "camber"))
+            value[f"laser.{c}.hub"] = (design_reading(RIG, corner) - own)[None]
+            angles[f"camera.{c}.steer"] = -corner.side * (corner.static_toe + toe)
+            angles[f"camera.{c}.camber"] = -corner.side * (corner.static_camber + camber)
+            if corner.joints.steered:
+                value[f"camera.{c}.steer"] = angles[f"camera.{c}.steer"][None]
+        return replace(begun, value=value), angles
+
+    (before, _), (now, angles), (after, _) = (at(time) for time in (-step, 0.0, step))
+    rates = {name: (after.value[name] - before.value[name]) / (2.0 * step) for name in now.value}
+    lost = [name for name in angles if name not in now.value or name.endswith(".camber")]
+    whole = cars.recording(replace(now, rate={**now.rate, **rates}), vehicle, RIG)
+    found = completed(lacking(whole, *angles.keys() & {*lost, *(f"camera.r{h}.steer" for h in "lr")})).completed
+    (_, early), (_, late) = at(-step), at(step)
+    derived = [name for name in angles if name.endswith(".camber") or name.startswith("camera.r")]
+    assert len(derived) == 6
+    for name in derived:
+        np.testing.assert_allclose(found.value[name][0], angles[name], atol=1e-9, err_msg=name)
+        slope = (late[name] - early[name]) / (2.0 * step)
+        np.testing.assert_allclose(found.rate[name][0], slope, atol=1e-5, err_msg=name)
 
 
 def test_attitude_follows_from_rates_gravity_and_a_speed() -> None:

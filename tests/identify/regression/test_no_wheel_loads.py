@@ -109,6 +109,7 @@ def test_true_loads_fulfil_the_rows_and_vertical_forces_cancel(reference: str) -
     names = {"fl": ("M29", "M32"), "fr": ("M38", "M41"), "rl": ("M11", "M14"), "rr": ("M20", "M23")}
     masses = {f"axle.{c}": np.full(t.size, sum(value[name] for name in of)) for c, of in names.items()}
     combined = (*BODY_ROWS, *CORNER_ROWS)
+    assert all({*loaded.weights(row)} == {*row.parts} for row in combined)
     body = replace(loaded, rows=combined, masses={**masses, "chassis": np.full(t.size, value["M6"])})
     for row, series in residual(body, model.physics, theta).items():
         assert np.max(np.abs(series)) < 1e-12 * np.max(np.abs(body.measured(row))) + 5e-9, row
