@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from lacet.daq.channels import CORNERS, other_corner
 from lacet.daq.errors import FileFault, nearest
-from lacet.daq.joint_tables import JOINTS, JointCurve, JointTables
+from lacet.daq.joint_tables import JOINTS, REACHED, JointCurve, JointTables, beyond_reach
 from lacet.daq.toml_reader import Reader
 from lacet.daq.units import UnitFault, read_unit
 
@@ -53,11 +53,8 @@ LEAST_SMOOTHED = 5
 """Settings of a test from which a curve is smoothed. Source: what `scipy.interpolate.make_smoothing_spline` needs."""
 RIGID = 0.5
 """Change of the track ÷ shift of a wheel to the side, below which an axle counts as rigid. Source: a choice."""
-LARGEST = {
-    "rack": 0.5, "travel": 0.5, "x": 0.5, "y": 0.5, "z": 0.5,
-    "toe": np.radians(60.0), "camber": np.radians(30.0), "spin": np.radians(30.0),
-}  # fmt: skip
-"""Readings that no car reaches [m, rad]; degrees taken as radians, and mm as m, are beyond. Source: a choice."""
+LARGEST = {SOURCE[joint]: most for joint, most in REACHED.items()} | dict.fromkeys(("rack", "travel", "z"), 0.5)
+"""Readings that no car reaches [m, rad]. Source: as of `REACHED`."""
 
 
 class BenchError(FileFault):
@@ -181,10 +178,8 @@ def sign_faults(bench: BenchReadings) -> list[str]:
     out: list[str] = []
     free, rack = bench.free, bench.columns["rack"]
     for column, values in bench.columns.items():
-        most, largest = LARGEST.get(column.partition(".")[0], np.inf), float(np.max(np.abs(values), initial=0.0))
-        if largest > most:
-            unit, factor = ("mm", 1e3) if COLUMNS[column] == "m" else ("°", np.degrees(1.0))
-            out.append(f"{column}: reaches {factor * largest:.0f} {unit}, which no car does: another unit is meant")
+        if beyond := beyond_reach(values, COLUMNS[column], LARGEST.get(column.partition(".")[0], np.inf)):
+            out.append(f"{column}: {beyond}")
     for corner in CORNERS:
         travel = bench.of("travel", corner)[free]
         if (

@@ -28,6 +28,11 @@ STEERED = np.radians(1.0)
 """Change of toe along the rack's curve above which the rack steers the wheel [rad]: a bench reads to 0.003°."""
 PRODUCT: dict[str, str] = {name: "1/m" if unit == "m" else "rad/m²" for name, unit in JOINTS.items()}
 """SI unit of each joint's change per product of both travels, or of travel and rack."""
+REACHED: dict[str, float] = {
+    "half_track": 0.5, "half_wheelbase": 0.5, "toe": np.radians(60.0), "camber": np.radians(30.0),
+    "pitch": np.radians(30.0),
+}  # fmt: skip
+"""Changes that no wheel reaches [m, rad]: degrees taken as radians, and mm as m, are beyond. Source: a choice."""
 CURVES: dict[str, str] = {"own": "travel", "other": "travel", "rack": "rack"}
 """The three curves of a table, and what each is against."""
 
@@ -150,14 +155,29 @@ def _curve(reader: Reader, rows: dict[str, Any], place: str, name: str) -> Joint
     if at is None or len(at) < 2 or np.any(np.diff(at) <= 0) or not at[0] <= 0.0 <= at[-1]:
         reader.fault(f"{place}.{against}", "needs at least two values, strictly increasing, from below 0 to above it")
         return None
-    columns = []
-    for key, unit in JOINTS.items():
-        values = reader.series(rows, key, place, unit)
-        if values is not None and len(values) != len(at):
-            reader.fault(f"{place}.{key}", f"has {len(values)} values for {len(at)} of {against}")
-            values = None
-        columns.append(np.asarray(values if values is not None else np.zeros(len(at)), float))
+    columns = [bench_column(reader, rows, key, place, len(at), against) for key in JOINTS]
     return JointCurve(np.asarray(at, float), np.stack(columns, axis=1))
+
+
+def bench_column(reader: Reader, rows: dict[str, Any], key: str, place: str, n: int, against: str) -> Array:
+    """(n,) a joint of a bench table with n values of what it is `against`; 0 without one, or with a fault."""
+    values, unit = reader.series(rows, key, place, JOINTS[key]), JOINTS[key]
+    if values is not None and len(values) != n:
+        reader.fault(f"{place}.{key}", f"has {len(values)} values for {n} of {against}")
+        values = None
+    found = np.asarray(values if values is not None else np.zeros(n), float)
+    if beyond := beyond_reach(found, unit, REACHED[key]):
+        reader.fault(f"{place}.{key}", beyond)
+    return found
+
+
+def beyond_reach(values: Array, unit: str, most: float) -> str:
+    """What is wrong with values [m, rad] that exceed what a car reaches; empty where they do not."""
+    largest = float(np.max(np.abs(values), initial=0.0))
+    if largest <= most:
+        return ""
+    shown = f"{1e3 * largest:.0f} mm" if unit == "m" else f"{np.degrees(largest):.0f}°"
+    return f"reaches {shown}, which no car does: another unit is meant"
 
 
 def joints_text(tables: Mapping[str, JointTables], source: str) -> str:

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from lacet.daq.assumptions import Assumption, assumption_of, read_assumptions
 from lacet.daq.channels import CORNERS
+from lacet.daq.compliance import JOINTS
 from lacet.daq.errors import VehicleError, nearest
-from lacet.daq.joint_tables import JointTables, read_joints
+from lacet.daq.joint_tables import JointTables, bench_column, read_joints
 from lacet.daq.shipped import find_shipped
 from lacet.daq.toml_reader import Quantity, Reader
 from lacet.daq.units import is_unit, read_unit
@@ -256,24 +257,15 @@ def _corner(
     )
 
 
-_TABLE_UNITS = {"half_track": "m", "half_wheelbase": "m", "toe": "rad", "camber": "rad", "pitch": "rad"}
-
-
 def _table(reader: Reader, rows: dict[str, Any], place: str) -> KinematicTable | None:
     if not rows:
         return None
-    reader.known(rows, ("travel", *_TABLE_UNITS), place)
+    reader.known(rows, ("travel", *JOINTS), place)
     travel = reader.series(rows, "travel", place, "m")
     if travel is None or len(travel) < 2 or np.any(np.diff(travel) <= 0):
         reader.fault(f"{place}.travel", "needs at least two travels, strictly increasing")
         return None
-    columns = {}
-    for key, unit in _TABLE_UNITS.items():
-        values = reader.series(rows, key, place, unit)
-        if values is not None and len(values) != len(travel):
-            reader.fault(f"{place}.{key}", f"has {len(values)} values for {len(travel)} travels")
-            values = None
-        columns[key] = np.asarray(values if values is not None else np.zeros(len(travel)), float)
+    columns = {key: bench_column(reader, rows, key, place, len(travel), "travel") for key in JOINTS}
     return KinematicTable(np.asarray(travel, float), **columns)
 
 

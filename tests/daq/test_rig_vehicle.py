@@ -315,8 +315,9 @@ def test_lengths_are_above_zero() -> None:
 
 def test_a_table_of_unequal_lengths_is_refused() -> None:
     """With both lengths."""
-    assert has(car_faults(CAR_TEXT + TABLE.replace("[-4, 0, 3]", "[-4, 0]")), "half_track", "2 values for 3 travels")
+    assert has(car_faults(CAR_TEXT + TABLE.replace("[-4, 0, 3]", "[-4, 0]")), "half_track", "2 values for 3 of travel")
     assert has(car_faults(CAR_TEXT + TABLE.replace("[-4, 0, 3]", '["a", 0, 3]')), "half_track", "numbers")
+    assert has(car_faults(CAR_TEXT + TABLE.replace("[-0.2, 0.0, 0.1]", "[-70, 0, 70]")), "toe", "reaches 70°")
     assert has(car_faults(CAR_TEXT + TABLE.replace("[-4, 0, 3]", "-4")), "half_track", "list of numbers")
 
 
