@@ -124,7 +124,8 @@ def _by_joint_tables(
     value, rate, accel = (signs * part for part in joints)
     return WheelJoints(
         (corner.position[1] + value[0], rate[0], accel[0]), (corner.position[0] + value[1], rate[1], accel[1]),
-        *((value[k], rate[k], accel[k]) for k in (4, 2, 3)), kingpin, signs * by_own,
+        (value[4], rate[4], accel[4]), (value[2], rate[2], accel[2]), (value[3], rate[3], accel[3]), kingpin,
+        signs * by_own,
         None if by_other is None else signs * by_other, rate[[1, 0]],
     )  # fmt: skip
 

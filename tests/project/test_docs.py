@@ -105,7 +105,7 @@ def test_keys_of_the_readers_are_all_documented():
     corner = {names(row[0])[0] for row in tables("docs/vehicle.md")["An axle or corner: key"]}
     assert corner == set(vehicle._CORNER_KEYS)
     series = {names(row[0])[0] for row in tables("docs/vehicle.md")["`[axle.….kinematics]`: key"]}
-    assert series == {"travel", *vehicle._TABLE_UNITS}
+    assert series == {"travel", *vehicle.JOINTS}
 
 
 def test_the_rig_with_a_dbc_loads_and_its_keys_are_documented():

@@ -18,7 +18,6 @@ from lacet.identify.progress import Progress, silent
 from lacet.identify.selection.joint.refits import Joint, is_significant, without_effects
 from lacet.identify.selection.rest import AddedLaw, laws_on_rows
 from lacet.identify.selection.settings import SELECTION
-from lacet.identify.validation.row_sources import assumed_channels
 
 
 def only_beyond_assumptions(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
@@ -41,7 +40,7 @@ def _doubtful(joint: Joint, keys: Collection[str]) -> list[AddedLaw]:
     moved = _moved_by_assumptions(joint) if may_be_zero else frozenset[Row]()
     if not moved:
         return []
-    sound = [row for row in joint.space.fitted.rows if row not in moved]
+    sound = [row for row in joint.space.floor.sigma if row not in moved]
     elsewhere = {law.key: law for law in (laws_on_rows(joint.space, sound) if sound else ())}
     return [
         law
@@ -60,4 +59,4 @@ def _may_be_zero(joint: Joint, law: AddedLaw) -> bool:
 
 def _moved_by_assumptions(joint: Joint) -> frozenset[Row]:
     """Rows that the assumptions' tolerances may move by as much as the channels' noise does (95 %)."""
-    return frozenset(assumed_channels(joint.space.fitted, joint.space.floor.sigma))
+    return frozenset(joint.space.linearisation.runs.assumed(joint.space.floor.sigma))

@@ -11,8 +11,8 @@ from lacet.identify.car.rows import Row
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.answers import answered
 from lacet.identify.selection.candidate import Answer, Reason
+from lacet.identify.selection.columns import ranked_runs
 from lacet.identify.selection.diagnose import _as_found
-from lacet.identify.selection.joint import assumed_errors
 from lacet.identify.selection.joint.assumed_errors import only_beyond_assumptions
 from lacet.identify.selection.joint.refits import Joint
 from lacet.services.render.candidate_reasons import reason_text
@@ -29,7 +29,7 @@ def moved(monkeypatch: pytest.MonkeyPatch):
             assert all(least[row] > 0.0 for row in rows)
             return dict.fromkeys(rows, ("wheel.fl.force",))
 
-        monkeypatch.setattr(assumed_errors, "assumed_channels", channels)
+        monkeypatch.setattr(ranked_runs, "assumed_channels", channels)
 
     return set_rows
 
@@ -62,7 +62,7 @@ def test_a_size_that_may_be_zero_stands_where_rows_show_it_that_assumptions_hard
     assert len(bar.rows) > 1
     moved({min(bar.rows)})
     assert only_beyond_assumptions(subset, 0) is subset
-    moved({row for row in subset.space.fitted.rows if row not in bar.rows})
+    moved({row for row in subset.space.floor.sigma if row not in bar.rows})
     assert only_beyond_assumptions(subset, 0) is subset
 
 
