@@ -288,6 +288,12 @@ def _sensor(reader: Reader, index: int, row: dict[str, Any], buses: Mapping[str,
     families = {CHANNELS[channel].family for channel in channels}
     axes = _axes(reader, row, place, channels)
     from_centre = row.get("position_from_wheel_centre")
+    if isinstance(from_centre, dict):
+        by_corner = "position = { fl = [x, y, z], fr = … }, from the body's origin"
+        reader.fault(
+            f"{place}.position_from_wheel_centre", f"is one for all wheels; where they differ give {by_corner}"
+        )
+        from_centre = None
     return Sensor(
         name=str(name),
         channels=channels,

@@ -218,9 +218,10 @@ def _corner(corner: Corner, vehicle: Vehicle, bodies: Completion, laws: _Laws, r
     kingpin = np.array([-np.tan(corner.caster), -side * np.tan(corner.kingpin_inclination), 1.0])
     outboard = None
     if rim is not None:
-        mass = laws.value(f"outboard_mass.{c}.m")
-        if not mass:
-            mass = rim.outboard_mass
+        found = laws.found.get(f"outboard_mass.{c}.m")
+        known = found is not None and found.identifiable
+        mass = found.value if found is not None and known else rim.outboard_mass
+        if not known:
             laws.open.append(f"outboard mass of {c}: {mass:.3g} kg, that of a {CLASS} of the car's size")
         share = mass / rim.outboard_mass
         spin, across = share * rim.outboard_spin, share * rim.outboard_transverse

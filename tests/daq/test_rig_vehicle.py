@@ -308,6 +308,13 @@ def test_a_wheel_may_stand_behind_its_axle() -> None:
     assert [k.position[1:] for k in car.corners.values()] == [k.position[1:] for k in plain.corners.values()]
 
 
+def test_mounts_that_differ_by_corner_are_given_from_the_origin() -> None:
+    one = "position_from_wheel_centre = [0.0, 0.0, 0.30]"
+    assert one in RIG_TEXT
+    faults = rig_faults(RIG_TEXT.replace(one, "position_from_wheel_centre = { fl = [0.0, 0.1, 0.3] }", 1))
+    assert has(faults, "position_from_wheel_centre", "one for all wheels", "position = {")
+
+
 def test_lengths_are_above_zero() -> None:
     """A negative track is a slip of the pen, not a car."""
     assert has(car_faults(CAR_TEXT.replace("value = 1.48", "value = -1.48")), "axle.rear.track", "above zero")
