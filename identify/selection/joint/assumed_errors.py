@@ -50,10 +50,14 @@ def _doubtful(joint: Joint, keys: Collection[str]) -> list[AddedLaw]:
 
 
 def _may_be_zero(joint: Joint, law: AddedLaw) -> bool:
-    """Whether the 95 % intervals of all its sizes hold zero, with all tolerances of the sensor sheet."""
+    """Whether the 95 % intervals of all its sizes hold zero, with all tolerances of the sensor sheet.
+
+    At the shape constants found: sizes that other constants would change (a mount's damping, by its time constant) are
+    not open for what is assumed.
+    """
     fitted, effect = joint.space.fitted, next(one for one in joint.effects if one.key == law.key)
     at = [fitted.model.names.index(q.name) for q in effect.parameters]
-    sigma = np.sqrt(np.diag(sum(fitted.covariances_searched)))[at]
+    sigma = np.sqrt(np.diag(fitted.covariance + fitted.covariance_sheet))[at]
     return bool(np.all(np.abs(fitted.theta[at]) <= SELECTION.interval_quantile * sigma))
 
 

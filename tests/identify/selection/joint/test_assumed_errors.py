@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -13,7 +16,8 @@ from lacet.identify.selection.answers import answered
 from lacet.identify.selection.candidate import Answer, Reason
 from lacet.identify.selection.columns import ranked_runs
 from lacet.identify.selection.diagnose import _as_found
-from lacet.identify.selection.joint.assumed_errors import only_beyond_assumptions
+from lacet.identify.selection.joint import assumed_errors
+from lacet.identify.selection.joint.assumed_errors import _may_be_zero, only_beyond_assumptions
 from lacet.identify.selection.joint.refits import Joint
 from lacet.services.render.candidate_reasons import reason_text
 
@@ -37,18 +41,19 @@ def moved(monkeypatch: pytest.MonkeyPatch):
 @pytest.fixture
 def uncertain(monkeypatch: pytest.MonkeyPatch) -> None:
     """The bar's size may be zero by the sensor sheet."""
-    known = Fit.covariances_searched.fget
-    assert known is not None
+    monkeypatch.setattr(assumed_errors, "_may_be_zero", lambda joint, law: law.key == BAR)
 
-    def with_sheet(fitted: Fit) -> tuple[np.ndarray, ...]:
-        noise, sheet = known(fitted)
-        wide = np.zeros_like(sheet)
-        if (name := f"{BAR}.k") in fitted.model.names:
-            at = fitted.model.names.index(name)
-            wide[at, at] = fitted.theta[at] ** 2
-        return noise, sheet + wide
 
-    monkeypatch.setattr(Fit, "covariances_searched", property(with_sheet))
+def test_a_size_may_be_zero_by_the_sheet_and_not_by_shape_constants(subset: Joint) -> None:
+    """The stop's gap was searched; how well its stiffness is known at that gap is what counts."""
+    fitted = subset.space.fitted
+    wide = {key: np.zeros_like(fitted.covariance_sheet) for key in (BAR, "")}
+    at = fitted.model.names.index(f"{BAR}.k")
+    wide[BAR][at, at] = fitted.theta[at] ** 2
+    for key, sheet in wide.items():
+        space = SimpleNamespace(fitted=replace(fitted, covariance_sheet=fitted.covariance_sheet + sheet))
+        joint = cast(Joint, SimpleNamespace(space=space, effects=subset.effects))
+        assert {law.key for law in subset.laws if _may_be_zero(joint, law)} == ({key} if key else set())
 
 
 def test_a_size_that_is_known_stands_whatever_assumptions_move(subset: Joint, moved) -> None:
