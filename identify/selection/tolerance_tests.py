@@ -163,6 +163,11 @@ class FreeEntry:
     spread: float
     squares: float
 
+    @property
+    def size_at_least(self) -> float:
+        """The least magnitude in its 95 % interval."""
+        return abs(self.size) - SELECTION.interval_quantile * self.spread
+
 
 @dataclass(frozen=True)
 class ToleranceUse:
@@ -173,8 +178,8 @@ class ToleranceUse:
     sizes : entry of the sheet → its estimated error ÷ its tolerance.
     squares : sum of their squares without those of latencies, for which there are tests of their own.
     null : (D,) that sum in simulated runs of a complete model, their errors drawn from the tolerances.
-    free : where the sheet is rejected, each entry of which the others are not when it is free, the one that leaves
-        least first: it alone being wrong would do.
+    free : where the sheet is rejected, each entry of which the others are not when it is free, and that is then no
+        larger than its fault can be, the one that leaves least first: it alone being wrong would do.
     """
 
     sizes: Mapping[str, float]
@@ -203,6 +208,7 @@ def tolerance_use(columns: CandidateColumns, known: PartialRegression, null_runs
     found, drawn = known.gain[:, layout.right], known.inverse @ null_runs[known.nuisance]
     sizes: dict[str, float] = {}
     names: dict[int, str] = {}
+    most, likely = _largest_faults(columns), dict[str, float]()
     for position, place in enumerate(map(int, known.nuisance)):
         if place not in columns.sigma:
             continue
@@ -214,6 +220,7 @@ def tolerance_use(columns: CandidateColumns, known: PartialRegression, null_runs
             sizes[name] = size + removed
             continue
         names[position], sizes[name] = name, size
+        likely[name] = most.get(name if entry is None else entry[:2], np.inf)
     counted = np.array([*names], np.intp)
     sigma = np.array([columns.sigma[place] for place in known.nuisance[counted].tolist()])
     squares = float(np.sum((found[counted] / sigma) ** 2))
@@ -221,8 +228,21 @@ def tolerance_use(columns: CandidateColumns, known: PartialRegression, null_runs
     if not use.tolerance_exceeded:
         return use
     free = [_free_entry(known, counted, sigma, i, name) for i, name in enumerate(names.values())]
-    enough = [one for one in free if not use.rejects(one.squares)]
+    enough = [one for one in free if not use.rejects(one.squares) and one.size_at_least <= likely[one.name]]
     return replace(use, free=sorted(enough, key=lambda one: one.squares))
+
+
+def _largest_faults(columns: CandidateColumns) -> dict[str | tuple[str, str], float]:
+    """Entry of the sheet, or key of the fault that stands for one → its largest plausible size [tolerances]."""
+    out: dict[str | tuple[str, str], float] = {}
+    for effect in columns.effects:
+        bound = effect.sheet_bound(columns.linearisation.runs.rig)
+        if effect.as_fault is None or bound <= 0.0:
+            continue
+        largest = effect.parameters[0].largest / bound
+        for entry in (effect.key, *effect.sheet_entries):
+            out[entry] = max(largest, out.get(entry, 0.0))
+    return out
 
 
 def _free_entry(

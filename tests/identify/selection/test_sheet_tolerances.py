@@ -183,6 +183,17 @@ def test_one_gain_far_off_is_told_as_the_entry_that_alone_would_do(fitted: Fit, 
     assert "If one entry alone is wrong it is gain of wheel.rr.force.z by +" in text
 
 
+def test_an_entry_beyond_what_its_fault_can_be_is_not_offered(fitted: Fit, floor: NoiseFloor):
+    """A force that reads a third too much: no transducer's gain."""
+    wrong, gain = with_scales(fitted, {"rr": (0.0, 0.0, 120.0)}), KNOWN["sensor_gain.force.rr"]
+    rig, name = wrong.runs[0].recording.rig, "gain of wheel.rr.force.z"
+    assert gain.parameters[0].largest < 100.0 * gain.sheet_bound(rig)
+    for tried, offered in (([], True), ([gain], False)):
+        use = ScoreTests.of(Linearisation.of(wrong, floor), [*TRIED[:1], *tried], 0).tolerance_use()
+        assert use.tolerance_exceeded
+        assert (name in [one.name for one in use.free]) == offered
+
+
 def test_simulated_runs_are_treated_as_the_runs_are(space: ScoreTests, monkeypatch: pytest.MonkeyPatch):
     """Were a simulated run the measured one, the sheet would take up its squares."""
     known, right = space.regression, space.layout.right
