@@ -210,6 +210,31 @@ def test_bump_and_roll_tests_are_enough_but_for_how_what_is_even_is_shared(tmp_p
                 np.testing.assert_allclose(table.at(*at), whole[corner].at(*at), atol=2e-5)
 
 
+def test_what_readings_scatter_by_makes_no_slopes(tmp_path: Path) -> None:
+    """Every 5 mm with a rig's repeatability: slopes of a curve through all readings are three times as far off."""
+    rng, line = np.random.default_rng(4), np.linspace(-0.07, 0.07, 29)
+    exact = of_states([(s, 0.0, 0.0) for s in line] + [(0.0, s, 0.0) for s in line])
+    read = {
+        name: values + rng.normal(0.0, 2e-5 if name[:2] in ("x.", "y.") else np.radians(0.003), values.shape)
+        if name.partition(".")[0] in ("x", "y", "toe", "camber", "spin") else values
+        for name, values in exact.items()
+    }  # fmt: skip
+    at = np.linspace(-0.06, 0.06, 49)
+    true, found = (
+        joint_tables(read_bench([write(tmp_path / f"{i}.csv", columns)])) for i, columns in enumerate((exact, read))
+    )
+    errors, raw = [], []
+    for corner in CORNERS:
+        errors.append(found[corner].own.value(at, 1) - true[corner].own.value(at, 1))
+        rows = slice(0, 29) if corner[1] == "l" else slice(29, 58)
+        names = {"half_track": "y", "half_wheelbase": "x", "toe": "toe", "camber": "camber", "pitch": "spin"}
+        through = JointCurve(line, np.stack([read[f"{names[joint]}.{corner}"][rows] for joint in JOINTS], axis=1))
+        raw.append(through.value(at, 1) - true[corner].own.value(at, 1))
+    rms = [np.sqrt(np.mean(np.square(np.concatenate(part)), axis=0)) for part in (errors, raw)]
+    assert np.all(rms[0] < 0.5 * rms[1])
+    assert np.mean(rms[0] / rms[1]) < 0.4
+
+
 def test_joints_are_written_into_a_vehicle_file_and_read_again(tmp_path: Path) -> None:
     tables = joint_tables(read_bench([write(tmp_path / "all.csv", readings())]))
     vehicle = Vehicle.parse(VEHICLE + joints_text(tables, "bench"), "trial.toml")

@@ -111,6 +111,10 @@ def test_true_loads_fulfil_the_rows_and_vertical_forces_cancel(reference: str) -
     combined = (*BODY_ROWS, *CORNER_ROWS)
     assert all({*loaded.weights(row)} == {*row.parts} for row in combined)
     body = replace(loaded, rows=combined, masses={**masses, "chassis": np.full(t.size, value["M6"])})
+    for effect in model.physics:
+        acting = {*body.with_body_rows(effect.columns(body))} & {*combined}
+        assert acting <= {row for row in combined if effect.acts_on(row)}, effect.key
+    assert not catalogue(CAR, reference)["coulomb.front"].acts_on(CORNER_ROWS[2])
     for row, series in residual(body, model.physics, theta).items():
         assert np.max(np.abs(series)) < 1e-12 * np.max(np.abs(body.measured(row))) + 5e-9, row
     for name in ("offset.fl.f0", "spring.rr.k", "damper.fr.c", "tyre_stiffness.rl.kt", "XX6", "YY6"):

@@ -37,6 +37,11 @@ def test_rows_channels_and_assumptions_have_a_table_each():
         ["wheel.fl.moment", "assumed", "forces in the contact patch"],
     ]
     assert assumed["lines"] == [["loaded_radius.front", "0.29", "0.010", "m", "default: drawing"]]
+    alike = [{**radius, "name": f"camber.{c}"} for c in ("fl", "fr", "rl", "rr")]
+    alike += [{**radius, "name": f"slip.{where}"} for where in ("front", "rear")]
+    alike += [{**radius, "name": f"toe.{c}", "value": value} for c, value in (("fl", 0.0), ("fr", 0.1))]
+    more = sources_tables([source("chassis.fx", "assumed", assumptions=alike)])[-1]["lines"]
+    assert [line[0] for line in more] == ["camber.*", "slip.front, rear", "toe.fl", "toe.fr"]
     assert all(len(line) == len(table["head"]) for table in (rows, channels, assumed) for line in table["lines"])
     assert [len(sources_tables(result[1:])), len(sources_tables([]))] == [1, 0]
     assert "  tyre.fl, fr: needs: laser.{c}.ground\n  {c}: the row's own corner" in sources_table(result)

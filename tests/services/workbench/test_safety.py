@@ -45,6 +45,16 @@ def test_a_name_never_leaves_the_folder(empty: TestClient, tmp_path: Path, name:
     assert not [p for p in tmp_path.rglob("*") if p.is_file()]
 
 
+def test_a_question_that_is_not_sent_as_json_says_so(page: Page):
+    answer = page.client.post("/api/jobs", content=b'{"do": "undo", "args": {}}')
+    assert answer.status_code == 400
+    said = answer.json()["error"]
+    assert said.endswith("Send it as JSON: Content-Type: application/json")
+    assert ": :" not in said
+    wrong = page.client.post("/api/jobs", json={"args": 1})
+    assert (wrong.status_code, "Content-Type" in wrong.text) == (400, False)
+
+
 def test_another_host_name_or_origin_is_refused(page: Page):
     client = page.client
     for host in ("evil.example", "evil.example:8765", "127.0.0.1.evil.example", "192.168.1.7:8765", ""):
