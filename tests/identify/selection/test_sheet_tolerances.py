@@ -16,7 +16,8 @@ from lacet.identify.selection.diagnose import diagnose
 from lacet.identify.selection.joint.subset_search import search
 from lacet.identify.selection.laws.formulas import propose
 from lacet.identify.selection.score_tests import ScoreTests
-from lacet.identify.selection.tolerance_tests import ToleranceUse
+from lacet.identify.selection.settings import SELECTION
+from lacet.identify.selection.tolerance_tests import FreeEntry, ToleranceUse
 from lacet.identify.validation.noise_floor import NoiseFloor
 from lacet.services.render.verdicts import says
 from tests.identify.cars import RATE
@@ -188,6 +189,7 @@ def test_an_entry_beyond_what_its_fault_can_be_is_not_offered(fitted: Fit, floor
     wrong, gain = with_scales(fitted, {"rr": (0.0, 0.0, 120.0)}), KNOWN["sensor_gain.force.rr"]
     rig, name = wrong.runs[0].recording.rig, "gain of wheel.rr.force.z"
     assert gain.parameters[0].largest < 100.0 * gain.sheet_bound(rig)
+    assert FreeEntry(name, -10.0, 2.0, 0.0).size_at_least == pytest.approx(10.0 - 2.0 * SELECTION.interval_quantile)
     for tried, offered in (([], True), ([gain], False)):
         use = ScoreTests.of(Linearisation.of(wrong, floor), [*TRIED[:1], *tried], 0).tolerance_use()
         assert use.tolerance_exceeded

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from lacet.identify.car.rows import Row
+from lacet.identify.progress import silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.answers import answered
 from lacet.identify.selection.candidate import Answer, Reason
 from lacet.identify.selection.columns import ranked_runs
-from lacet.identify.selection.diagnose import _as_found
+from lacet.identify.selection.diagnose import _as_found, _settled
 from lacet.identify.selection.joint import assumed_errors
 from lacet.identify.selection.joint.assumed_errors import _may_be_zero, only_beyond_assumptions
 from lacet.identify.selection.joint.refits import Joint
@@ -83,3 +84,12 @@ def test_where_all_its_rows_are_moved_it_is_undecided_and_said_to_be_that(subset
     assert (answer.answer, answer.reason) == (Answer.UNDECIDED, Reason.ASSUMED)
     said = reason_text(answer, subset.first.effects[BAR], subset.space.draws)
     assert "within the tolerances of assumed channels its size may be zero" in said
+
+
+@pytest.mark.usefixtures("uncertain")
+def test_a_search_ends_without_it(subset: Joint, moved) -> None:
+    (bar,) = (law for law in subset.laws if law.key == BAR)
+    moved({*bar.rows})
+    settled, _ = _settled(subset, 0, silent)
+    assert settled.assumed == {BAR}
+    assert BAR not in settled.keys
