@@ -49,6 +49,14 @@ LOADED = {"fx": 25.0, "fy": 25.0, "mz": 5.0, "traction": 25.0}
 """What counts as loaded [N, N·m]: such rows are of compliance and not of kinematics."""
 CLEAR = {"m": 1e-3, "rad": np.radians(0.1)}
 """Change of a joint over a test from which its sign is judged."""
+SWEPT = 1e-3
+"""Travel over which the readings of a sweep without settings are averaged [m]. Source: a choice, well below what a
+curve bends over."""
+REPEATABILITY = np.array([2e-5 if unit == "m" else np.radians(0.003) for unit in JOINTS.values()])
+"""What a usual rig's readings of each joint scatter by, 1 σ [m, rad]. Source: repeatability of K&C rigs, as of
+`lacet bench --noise 1`."""
+SMOOTHING = (-14.0, 4.0)
+"""log₁₀ of the least and the largest smoothing: through the readings; a straight line."""
 LEAST_SMOOTHED = 5
 """Settings of a test from which a curve is smoothed. Source: what `scipy.interpolate.make_smoothing_spline` needs."""
 RIGID = 0.5
@@ -321,30 +329,44 @@ def _curve(x: Array, values: Array) -> JointCurve | None:
         return None
     order = np.argsort(x, kind="stable")
     x, values = x[order], values[order]
-    groups = np.concatenate([[0], np.cumsum(np.diff(x) > MOVED["travel"])])
+    apart = np.diff(x) > MOVED["travel"]
+    begins = np.concatenate([[True], apart])
+    cell = np.floor((x - x[begins][np.cumsum(begins) - 1]) / SWEPT)
+    groups = np.concatenate([[0], np.cumsum(apart | (np.diff(cell) != 0.0))])
     n = int(groups[-1]) + 1
     weight = np.bincount(groups, minlength=n)
     at = np.bincount(groups, x, n) / weight
     means = np.stack([np.bincount(groups, column, n) / weight for column in values.T], axis=1)
-    means = _smoothed(at, means)
+    means = _smoothed(at, means, REPEATABILITY / np.sqrt(np.mean(weight)))
     zero = int(np.argmin(np.abs(at)))
     return JointCurve(at, means - means[zero] if abs(at[zero]) < MOVED["travel"] else means)
 
 
-def _smoothed(at: Array, values: Array) -> Array:
-    """Readings (n, k) at n settings without their scatter, of which a curve through each would make slopes.
+def _smoothed(at: Array, values: Array, scatter: Array) -> Array:
+    """Joints (n, 5) at n settings without their `scatter` (5,), of which a curve through each would make slopes.
 
-    Cubic smoothing splines, as smooth as generalised cross-validation has them: P. Craven and G. Wahba, Smoothing noisy
-    data with spline functions, Numerische Mathematik 31 (1979).
+    Cubic smoothing splines, as smooth as generalised cross-validation has them, and no farther from the readings than
+    these scatter: P. Craven and G. Wahba, Smoothing noisy data with spline functions, Numerische Mathematik 31 (1979);
+    C. H. Reinsch, Smoothing by spline functions, Numerische Mathematik 10 (1967).
     """
     # Only here: SciPy is not needed to read a vehicle file.
     from scipy.interpolate import make_smoothing_spline
+    from scipy.optimize import brentq
 
     if len(at) < LEAST_SMOOTHED:
         return values
-    x, spans = (at - at[0]) / (at[-1] - at[0]), np.ptp(values, axis=0)
-    columns = [
-        span * make_smoothing_spline(x, column / span)(x) if span > 0.0 else column
-        for span, column in zip(spans, values.T, strict=True)
-    ]
-    return np.stack(columns, axis=1)
+    x, out = (at - at[0]) / (at[-1] - at[0]), values.copy()
+    for k, sigma in enumerate(scatter.tolist()):
+        y = values[:, k] / sigma
+
+        def smooth(lam: float | None, y: Array = y) -> Array:
+            return np.asarray(make_smoothing_spline(x, y, lam=lam)(x), float)
+
+        def beyond(power: float, y: Array = y) -> float:
+            return float(np.mean((smooth(10.0**power, y) - y) ** 2)) - 1.0
+
+        found = smooth(None)
+        if np.mean((found - y) ** 2) > 1.0:
+            found = smooth(10.0 ** float(brentq(beyond, *SMOOTHING, xtol=0.05)))
+        out[:, k] = sigma * found
+    return out

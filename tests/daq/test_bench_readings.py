@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lacet.daq.bench_readings import BenchError, joint_tables, read_bench
+from lacet.daq.bench_readings import REPEATABILITY, BenchError, _curve, joint_tables, read_bench
 from lacet.daq.errors import VehicleError
 from lacet.daq.joint_tables import JOINTS, JointCurve, joints_text
 from lacet.daq.vehicle import Vehicle
@@ -233,6 +233,31 @@ def test_what_readings_scatter_by_makes_no_slopes(tmp_path: Path) -> None:
     rms = [np.sqrt(np.mean(np.square(np.concatenate(part)), axis=0)) for part in (errors, raw)]
     assert np.all(rms[0] < 0.5 * rms[1])
     assert np.mean(rms[0] / rms[1]) < 0.4
+
+
+def test_a_curve_is_no_smoother_than_readings_scatter() -> None:
+    """Few settings of a bend of third order, which cross-validation alone takes for scatter."""
+    x = np.linspace(-0.06, 0.06, 11)
+    exact = np.stack([0.1 * x + 20.0 * x**3] * len(JOINTS), axis=1)
+    curve = _curve(x, exact)
+    assert curve is not None
+    off = np.sqrt(np.mean((curve.values - exact) ** 2, axis=0))
+    np.testing.assert_array_less(off, 1.1 * REPEATABILITY)
+    assert np.any(off > 0.1 * REPEATABILITY)
+
+
+def test_a_sweep_without_settings_is_a_curve_too(tmp_path: Path) -> None:
+    """A reading every 0.1 mm, up and down again: means of every millimetre."""
+    line = np.concatenate([np.arange(-0.06, 0.06, 1e-4), np.arange(0.06, -0.06, -1e-4)])
+    swept = of_states([(s, 0.0, 0.0) for s in line] + [(0.0, s, 0.0) for s in line])
+    tables = joint_tables(read_bench([write(tmp_path / "swept.csv", swept)]))
+    at, none = np.linspace(-0.05, 0.05, 21), np.zeros(21)
+    for corner, table in tables.items():
+        assert 100 < len(table.own.at) < 140
+        expected = [joint("camber", corner, s, 0.0, 0.0) - joint("camber", corner, 0.0, 0.0, 0.0) for s in at]
+        camber = list(JOINTS).index("camber")
+        np.testing.assert_allclose(table.at(at, none, none)[:, camber], expected, atol=2.0 * np.radians(0.003))
+        np.testing.assert_allclose(table.own.value(at, 1)[:, camber], -0.2, atol=0.004)
 
 
 def test_joints_are_written_into_a_vehicle_file_and_read_again(tmp_path: Path) -> None:
