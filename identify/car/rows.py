@@ -74,7 +74,10 @@ class Row(str):
 
     @property
     def parts(self) -> tuple[Row, ...]:
-        """The rows that a combined row consists of (`Motion.weights`); of any other row itself."""
+        """The rows that a combined row consists of (`Motion.weights`); of any other row itself.
+
+        Without the tyre of the axle's other wheel, which joint tables bring into a corner's row.
+        """
         if self.kind == "body":
             return (*_OF_CHASSIS[self.place], *SUSPENSION_ROWS)
         own = (Row(f"suspension.{self.place}"), Row(f"tyre.{self.place}"))

@@ -164,8 +164,9 @@ def run(args: argparse.Namespace) -> int:
         print(f"! {line}")
     if fails(ratio) and (result["model_fails"] or not little):
         print("Values that stand on a failing row are off by more than their intervals say.")
-        print("The model lacks something, or an instrument, a bench table or a length in the vehicle file is off:")
-        print("lacet study new DIR --use RUN…, then lacet diagnose DIR; late instruments: lacet check --only latency.")
+        print("The model lacks something, or an instrument, a bench table or a length in the vehicle file is off.")
+        print("To find it: lacet study new DIR --use RUN…, then lacet diagnose DIR.")
+        print("Late instruments: lacet check RUN… --only latency.")
     if args.rows:
         print("\n" + tables.rows(result["rows"]["used"]))
     if result["bad_seconds"]:
