@@ -6,6 +6,7 @@ third components, pitch, yaw and steer change their signs together; first compon
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from lacet.daq.channels import COLUMNS
@@ -19,8 +20,12 @@ SAME_LOG = 0.8
 DISAGREEING = 0.65
 """Probability of a usual sign where the instrument's others follow no system of axes. Source: a choice."""
 
+MOST_SURE = 0.99
+"""Largest probability of signs judged together: what makes one wrong may make all wrong. Source: a choice."""
+
 Sign = tuple[int, float]
 """A sign, and its certainty, 0.5 to 1."""
+UNSEEN: Sign = (1, 0.5)
 
 
 def turns(column: str) -> bool:
@@ -64,6 +69,21 @@ def by_others(column: str, signs: Mapping[str, Sign], names: Mapping[str, str]) 
             return 1, DISAGREEING
     found = {sign for one, sign in seen.items() if lateral(one)}
     return (forward * found.pop(), SAME_LOG) if len(found) == 1 else None
+
+
+def of_one_kind(signs: Mapping[str, Sign], names: Mapping[str, str]) -> dict[str, Sign]:
+    """The signs, travels with names of one pattern judged together: they are sensors of one kind, built in alike."""
+    kinds: dict[tuple[str, ...], list[str]] = {}
+    for column in names:
+        family = COLUMNS[column][0].family
+        if family in ("suspension.travel", "damper.travel"):
+            kinds.setdefault((family, *_pattern(names, column)), []).append(column)
+    out = dict(signs)
+    for columns in kinds.values():
+        odds = sum(sign * math.log(sure / (1.0 - sure)) for sign, sure in (signs.get(one, UNSEEN) for one in columns))
+        sign, sure = (1 if odds >= 0.0 else -1), min(1.0 / (1.0 + math.exp(-abs(odds))), MOST_SURE)
+        out |= dict.fromkeys(columns, (sign, sure))
+    return out
 
 
 def _instrument(column: str) -> str:

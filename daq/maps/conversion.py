@@ -16,7 +16,7 @@ from lacet.daq.maps.channel_map import ChannelMap, Said
 from lacet.daq.maps.resolution import Key, in_si, resolved
 from lacet.daq.sources.columns import SINCE_1970
 from lacet.daq.sources.open_source import open_source
-from lacet.daq.sources.source import Array, Series, Source, resolve
+from lacet.daq.sources.source import Array, Series, Source, names_of_all, resolve
 from lacet.daq.units import read_unit
 
 _SHOWN = 5
@@ -221,21 +221,16 @@ class Conversion:
         absolute = all(start is not None for start in starts)
         for start in starts:
             self._offsets.append((start - (self.start_ns or 0)) / 1e9 if absolute and start is not None else 0.0)
-        if len(starts) > 1 and not absolute:
-            self.notes.append("not every file says when it began: their times are taken as of one clock")
-        several: dict[str, int] = {}
-        for source in self.sources:
-            for name in source.listed:
-                several[name] = several.get(name, 0) + 1
-        for at, source in enumerate(self.sources):
-            for name in source.listed:
-                own = name if several[name] == 1 else f"{source.path.stem}.{name}"
-                self._places[own] = (at, name)
+        self._places = names_of_all(self.sources)
         units = {own: self.sources[at].listed[name].unit for own, (at, name) in self._places.items()}
         in_full = {full: name for source in self.sources for full, name in source.in_full().items()}
         found = resolved(self.map, units, in_full)
         lacking = [f"{name} was left out: {why}" for name, why in found.lacking.items()]
         self.assemblies = [Assembly(*one) for one in found.recipes]
+        if len(starts) > 1 and not absolute and not self._delays_said():
+            self.notes.append(
+                "not every file says when it began: their times are taken as of one clock, unless the map says a delay"
+            )
         self.notes += lacking
         self.notes += self._said_of_none()
         self.without_unit = [name for name in found.without_unit if not self._is_si(name)]
@@ -248,6 +243,12 @@ class Conversion:
             path = ", ".join(str(source.path) for source in self.sources)
             remedy = f"correct {self.map.name}, or let lacet propose one: lacet map --guess {self.sources[0].path}"
             raise RunError(path, [*lacking, remedy])
+
+    def _delays_said(self) -> bool:
+        """Whether the map says how late each log is against the first one used."""
+        keys = {key for one in self.assemblies for key in one.series}
+        undelayed = {self._places[key.name][0] for key in keys if not key.delay}
+        return len(undelayed) <= 1
 
     def _is_si(self, name: str) -> bool:
         """Whether a log's format says that a name is in SI, though not in which of its units."""

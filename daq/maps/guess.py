@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lacet.daq.channels import COLUMNS
-from lacet.daq.maps.axes import by_others
+from lacet.daq.maps.axes import by_others, of_one_kind
 from lacet.daq.maps.behaviour import ANGLES, RATE, Car, on_grid
 from lacet.daq.maps.channel_map import FORMAT
 from lacet.daq.maps.name_units import unit_at_end
 from lacet.daq.maps.names import written_name
 from lacet.daq.maps.quaternions import attitudes
 from lacet.daq.maps.resolution import ALONE
-from lacet.daq.maps.words import Meaning, meanings
-from lacet.daq.sources.source import Array, Listed, Series, Source
+from lacet.daq.maps.words import Meaning, meanings, words_of
+from lacet.daq.sources.source import Array, Listed, Series, Source, names_of_all
 from lacet.daq.units import UnitFault, read_unit
 
 ACCEPTED = 0.9
@@ -72,6 +72,7 @@ class Guess:
     rate : samples a second; `low`, `high` : range, in the log's unit; NaN without samples.
     column, expression : the proposal; empty for none. `said_unit` : unit that it takes, where the log says none.
     probability : that column, unit and sign are right.
+    own_zero : whether the expression counts a travel from the log's median, as the log's zero is none of a car's.
     """
 
     name: str
@@ -83,28 +84,35 @@ class Guess:
     expression: str = ""
     said_unit: str = ""
     probability: float = 0.0
+    own_zero: bool = False
 
 
-def guess(source: Source) -> list[Guess]:
-    """Every name of a log with what it could be, in the log's order. Raises RunError where it cannot be read."""
-    series = _read(source)
-    out = {name: _described(name, source.listed[name].unit, series.get(name)) for name in source.listed}
+def guess(*sources: Source) -> list[Guess]:
+    """Every name of the logs of one drive with what it could be, in their order.
+
+    Raises RunError where one cannot be read.
+    """
+    places = names_of_all(sources)
+    listed = {name: sources[at].listed[there] for name, (at, there) in places.items()}
+    series = _read(sources, places)
+    out = {name: _described(name, one.unit, series.get(name)) for name, one in listed.items()}
     claims: dict[str, list[tuple[float, Guess, Meaning]]] = {}
     for name, about in out.items():
         one = series.get(name)
         if one is None or not len(one.t):
             continue
         found, meaning = max(
-            _possible(about, source.listed[name], one), key=lambda claim: claim[0].probability, default=(about, None)
+            _possible(about, listed[name], one), key=lambda claim: claim[0].probability, default=(about, None)
         )
         if meaning is not None and found.probability > 0.0:
             claims.setdefault(found.column, []).append((found.probability, found, meaning))
-    angles = attitudes(source.listed, series)
+    _heading_of_unit(claims)
+    angles = attitudes(listed, series)
     for name, (column, expression, _) in angles.items():
         found = replace(out[name], column=column, expression=expression, probability=_QUATERNION)
         claims.setdefault(column, []).append((_QUATERNION, found, Meaning(column, _QUATERNION)))
     chosen: dict[str, tuple[Guess, Meaning]] = {}
-    for column, several in claims.items():
+    for column, several in ((column, several) for column, several in claims.items() if several):
         several.sort(key=lambda claim: -claim[0])
         moving = [claim for claim in several if claim[1].low < claim[1].high]
         if moving and moving[0][0] >= _LIKELY:
@@ -116,6 +124,27 @@ def guess(source: Source) -> list[Guess]:
     for column, proposal in signed.items():
         out[proposal.name] = replace(proposal, column=column)
     return list(out.values())
+
+
+def _heading_of_unit(claims: dict[str, list[tuple[float, Guess, Meaning]]]) -> None:
+    """Take a heading with the name of a roll and a pitch angle for the third angle of their attitude, no course."""
+    if "imu.attitude.yaw" in claims:
+        return
+    beside = [
+        {tuple(word for word in words_of(one.name)[0] if word != angle) for _, one, _ in claims.get(column, ())}
+        for column, angle in (("gnss.course", "course"), ("imu.attitude.roll", "roll"), ("imu.attitude.pitch", "pitch"))
+    ]
+    if common := set[tuple[str, ...]].intersection(*beside):
+        own = [c for c in claims["gnss.course"] if tuple(w for w in words_of(c[1].name)[0] if w != "course") in common]
+        claims["gnss.course"] = [c for c in claims["gnss.course"] if c not in own]
+        claims["imu.attitude.yaw"] = [
+            (
+                probability,
+                replace(one, column="imu.attitude.yaw"),
+                replace(meaning, column="imu.attitude.yaw", signed=True),
+            )
+            for probability, one, meaning in own
+        ]
 
 
 def map_text(guesses: Sequence[Guess], file: str, accept: bool = False) -> str:
@@ -130,7 +159,9 @@ def map_text(guesses: Sequence[Guess], file: str, accept: bool = False) -> str:
     lines += ["", "[channels]"]
     for g in proposed:
         comment = "" if g in used else "# "
-        lines.append(f'{comment}"{_alone(g.column, columns)}" = "{g.expression}"  # probability {g.probability:.2f}')
+        zero = "; counted from this log's median: better from the reading at design height" if g.own_zero else ""
+        entry = f'"{_alone(g.column, columns)}" = "{g.expression}"'
+        lines.append(f"{comment}{entry}  # probability {g.probability:.2f}{zero}")
     without = [g.name for g in guesses if not g.column]
     if without:
         lines += ["", "# without a proposal: " + ", ".join(without)]
@@ -147,8 +178,21 @@ def _key(name: str) -> str:
     return '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def _read(source: Source) -> dict[str, Series]:
-    """The first seconds of every name."""
+def _read(sources: Sequence[Source], places: Mapping[str, tuple[int, str]]) -> dict[str, Series]:
+    """The first seconds of every name, on one clock where every log says when it began."""
+    names = {place: name for name, place in places.items()}
+    starts = [source.start_ns for source in sources]
+    first = min((start for start in starts if start is not None), default=0)
+    absolute = None not in starts
+    out: dict[str, Series] = {}
+    for at, (source, start) in enumerate(zip(sources, starts, strict=True)):
+        offset = ((start or 0) - first) / 1e9 if absolute else 0.0
+        out |= {names[at, there]: Series(one.t + offset, one.values) for there, one in _beginning(source).items()}
+    return out
+
+
+def _beginning(source: Source) -> dict[str, Series]:
+    """The first seconds of every name of a log."""
     parts: dict[str, list[Series]] = {}
     begin = np.inf
     for piece in source.pieces(list(source.listed)):
@@ -233,9 +277,10 @@ def _signed(
         values = factor * series[one.name].values
         columns[column] = on_grid(series[one.name].t, _unwrapped(values) if column in ANGLES else values, grid)
     car = Car(columns)
+    names = {column: one.name for column, (one, _) in chosen.items()}
     if len(grid) > 3:
         car.find_signs()
-    names = {column: one.name for column, (one, _) in chosen.items()}
+        car.signs = of_one_kind(car.signs, names)
     out: dict[str, Guess] = {}
     for column, (one, meaning) in chosen.items():
         sign, sure = car.signs.get(column, (1, 0.0))
@@ -245,9 +290,24 @@ def _signed(
             sign, sure = (-1, 0.85) if column.endswith(".speed") and mean < 0.0 else (1, 0.99)
         if sure < _UNSEEN_SIGN and meaning.signed:
             sign, sure = _unseen(column, car, names)
-        expression = one.expression if sign > 0 else f"-{one.expression}"
-        out[column] = replace(one, expression=expression, probability=one.probability * max(sure, 0.5))
+        out[column] = replace(
+            _from_zero(one, column, series[one.name].values, sign), probability=one.probability * max(sure, 0.5)
+        )
     return out
+
+
+def _from_zero(one: Guess, column: str, values: Array, sign: int) -> Guess:
+    """The proposal with its sign, and with a zero in the middle of the log where a travel is far from any."""
+    signed = one.expression if sign > 0 else f"-{one.expression}"
+    if COLUMNS[column][0].family not in ("suspension.travel", "damper.travel"):
+        return replace(one, expression=signed)
+    middle, unit = float(np.nanmedian(values)), one.said_unit or one.unit
+    if not unit or abs(middle) <= one.high - one.low:
+        return replace(one, expression=signed)
+    zero = f"{middle:.4g} {unit}"
+    return replace(
+        one, expression=f"{one.expression} - {zero}" if sign > 0 else f"{zero} - {one.expression}", own_zero=True
+    )
 
 
 def _unseen(column: str, car: Car, names: Mapping[str, str]) -> tuple[int, float]:

@@ -214,7 +214,7 @@ def _of_words(have: set[str], corner: str, name: str) -> list[Meaning]:
             add("wheel.{c}.force." + axis, 0.98, axis != "z")
         if "moment" in have and axis:
             add("wheel.{c}.moment." + axis, 0.98)
-        if {"rotation"} & have or ("wheel" in have and "speed" in have):
+        if {"rotation", "rot"} & have or ("wheel" in have and "speed" in have):
             add("wheel.{c}.speed", 0.98, False)
         elif "speed" in have:
             add("wheel.{c}.speed", 0.9, False)
@@ -276,6 +276,8 @@ def _of_words(have: set[str], corner: str, name: str) -> list[Meaning]:
         add("engine.throttle", 0.95, False)
     elif {"brake", "pressure"} <= have:
         add("brake.pressure", 0.95, False)
+    elif "brake" in have and not axis:
+        add("brake.pressure", 0.85, False, by_unit=True)
     elif have & {"latitude", "longitude", "altitude"}:
         add(f"gnss.{next(iter(have & {'latitude', 'longitude', 'altitude'}))}", 0.95, False)
     elif "course" in have and _UNIT & have:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -143,6 +143,19 @@ def resolve(name: str, known: Collection[str], written: Callable[[str], str] = s
             raise KeyError(f"'{name}' could be {', '.join(map(written, found[:6]))}: write one of these")
     some = ", ".join(list(known)[:12]) + (" …" if len(known) > 12 else "")
     raise KeyError(f"there is no '{name}'{nearest(name, known) or _near_last(name, known)}; the file has {some}")
+
+
+def names_of_all(sources: Sequence[Source]) -> dict[str, tuple[int, str]]:
+    """Name among several logs of one drive → index of its log, and its name there.
+
+    A name that several have is told apart by its file: ``lap.speed``.
+    """
+    count = Counter(name for source in sources for name in source.listed)
+    return {
+        name if count[name] == 1 else f"{source.path.stem}.{name}": (at, name)
+        for at, source in enumerate(sources)
+        for name in source.listed
+    }
 
 
 def _last(name: str) -> str:

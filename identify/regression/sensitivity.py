@@ -8,7 +8,7 @@ multiplications: sensor zeros, gains and latencies become columns, and the noise
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,12 +19,14 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.measured_rows import MeasuredRows
 from lacet.identify.car.motion import Motion
+from lacet.identify.car.road import Road
 from lacet.identify.car.rows import Row
 from lacet.identify.car.table_errors import corners_of
 from lacet.identify.effects.base import AXLES, PhysicalEffect, SensorFault, free_parameters, sum_by_row, with_places
+from lacet.identify.effects.suspension.with_memory import SuspensionForceOnPath, expected_travel
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import derivative
-from lacet.identify.signals.noise_draws import draw_noise, draw_noises
+from lacet.identify.signals.noise_draws import draw_noises
 from lacet.identify.signals.reconstruct import Recording, Signals
 
 Perturbation = Mapping[str, Array]
@@ -124,6 +126,71 @@ class CombSlopes:
 
 
 @dataclass(frozen=True)
+class PathForces:
+    """Forces of a model that follow the path of a wheel's travel, and what noise of the travel changes in them.
+
+    They have no derivatives at separate instants; a draw of the noise is a path of its own.
+
+    Attributes
+    ----------
+    laws : effects with their parameter values (p,).
+    motion : of the run; None without such a law or where the travel is exact.
+    levers : channel → corner → change of the corner's expected travel per unit of what is expected of the channel [m].
+    """
+
+    laws: Sequence[tuple[SuspensionForceOnPath, Array]] = ()
+    motion: Motion | None = None
+    levers: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])
+
+    @classmethod
+    def of(cls, recording: Recording, effects: Sequence[PhysicalEffect], values: Array) -> PathForces:
+        """Those of a model's effects at parameter values θ."""
+        laws = [
+            (effect, values[place]) for effect, place in with_places(effects)
+            if isinstance(effect, SuspensionForceOnPath) and np.any(values[place])
+        ]  # fmt: skip
+        if not laws or not recording.smoothers:
+            return cls()
+        before = _expected_travels(recording)
+        levers: dict[str, Mapping[str, float]] = {}
+        for channel in recording.smoothers:
+            step, mean = recording.rig.noise(channel), recording.signals.mean
+            moved = replace(recording.signals, mean={**mean, channel: mean[channel] + step})
+            after = _expected_travels(replace(recording, signals=moved))
+            found = {c: float(np.mean(after[c] - travel)) / step for c, travel in before.items()}
+            levers[channel] = {c: lever for c, lever in found.items() if lever}
+        return cls(laws, build_motion(recording), {channel: own for channel, own in levers.items() if own})
+
+    def response(self, recording: Recording, drawn: Perturbation, others: Perturbation) -> dict[Row, Array]:
+        """Change of the residual, row → (d, N), for draws of the noise and as many independent ones, (1, d, N)."""
+        errors: dict[str, Array] = {}
+        for channel, levers in self.levers.items():
+            if channel not in drawn:
+                continue
+            error = recording.smoothers[channel].error(drawn[channel][0], others[channel][0])
+            for c, lever in levers.items():
+                errors[c] = errors.get(c, 0.0) + lever * error
+        out: dict[Row, Array] = {}
+        for law, values in self.laws if self.motion is not None else ():
+            assert self.motion is not None
+            forces: dict[Row, Array] = {}
+            for c in law.corners():
+                if c in errors:
+                    travel = expected_travel(self.motion.corners[c])
+                    forces[Row.parse(f"suspension.{c}")] = values[0] * (law.path(travel) - law.path(travel + errors[c]))
+            found = self.motion.with_body_rows(forces)
+            out = sum_by_row([out, {row: change for row, change in found.items() if row in self.motion.rows}])
+        return out
+
+
+def _expected_travels(recording: Recording) -> dict[str, Array]:
+    """Corner → expected travel (N,) of a recording, of the corners where it is not exact."""
+    road = Road(recording.completed, recording.rig, recording.vehicle, recording.t.size)
+    found = {c: road.conditional_travel(c) for c in CORNERS}
+    return {c: given.travel for c, given in found.items() if given is not None}
+
+
+@dataclass(frozen=True)
 class Sensitivity:
     """Derivatives of a run's residual by its channels, and responses of the residual computed with them.
 
@@ -131,10 +198,12 @@ class Sensitivity:
     ----------
     recording : the run, to whose channels changes are applied.
     taken : the derivatives, computed on this recording or on another of the same motion.
+    paths : forces that follow the path of a travel, which noise changes as no derivative says.
     """
 
     recording: Recording
     taken: CombSlopes
+    paths: PathForces
 
     @property
     def slopes(self) -> SlopesByInput:
@@ -174,7 +243,7 @@ class Sensitivity:
         parts = [*range(_ASSUMED)] if any(effect.conditional for effect in active) else [*range(_MEAN)]
         slopes = _derivatives(coarse, measured, motion, before, active, theta, _inputs(coarse.signals, parts))
         slopes |= _by_assumptions(recording, active, theta) | _by_tables(recording, active, theta)
-        return cls(recording, CombSlopes(recording.t, comb, slopes))
+        return cls(recording, CombSlopes(recording.t, comb, slopes), PathForces.of(recording, effects, values))
 
     def on(self, recording: Recording) -> Sensitivity:
         """These derivatives with another recording of the same motion."""
@@ -196,7 +265,7 @@ class Sensitivity:
             key: {row: own.get(key, {}).get(row, slope) for row, slope in rows.items()}
             for key, rows in self.taken.coarse.items()
         }
-        return Sensitivity(recording, replace(self.taken, coarse=coarse))
+        return replace(self, recording=recording, taken=replace(self.taken, coarse=coarse))
 
     def uncached(self) -> Sensitivity:
         """The sensitivity without the cached interpolation to every sample, which needs much memory."""
@@ -262,8 +331,8 @@ class Sensitivity:
 
     def noise(self, rng: np.random.Generator) -> dict[Row, Array]:
         """One random draw of the residual's noise from the channels' noise, row → (N,)."""
-        drawn = draw_noise(self.recording, self.channels, rng)
-        return self.response(drawn, draw_noise(self.recording, self._bent, rng))
+        (drawn,) = self.noises(rng, 1)
+        return {row: series[0] for row, series in drawn.items()}
 
     def noises(self, rng: np.random.Generator, draws: int) -> Iterator[dict[Row, Array]]:
         """As many random draws as of `noise`, row → (d, N), some at a time."""
@@ -271,7 +340,8 @@ class Sensitivity:
         for start in range(0, draws, together):
             some = min(together, draws - start)
             drawn = draw_noises(self.recording, self.channels, rng, some)
-            yield self.response(drawn, draw_noises(self.recording, self._bent, rng, some))
+            others = draw_noises(self.recording, tuple(dict.fromkeys((*self._bent, *self.paths.levers))), rng, some)
+            yield sum_by_row([self.response(drawn, others), self.paths.response(self.recording, drawn, others)])
 
 
 def _by_assumptions(
@@ -357,7 +427,8 @@ def _enters(effect: PhysicalEffect) -> bool:
     """Whether an effect's response to the channels is part of the sensitivities.
 
     The derivatives of an effect with memory cannot be computed at separate instants and are left out: such an effect
-    is a small addition to a spring, a damper or an inertia, whose derivatives are included.
+    is a small addition to a spring, a damper or an inertia, whose derivatives are included. The noise of those that
+    follow the path of a travel is in `PathForces`.
     """
     return effect.instantaneous
 

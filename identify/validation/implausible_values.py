@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from lacet.identify.car.car_tree import CHASSIS
+from lacet.identify.car.car_tree import AXLE, CHASSIS
 from lacet.identify.effects.base import Parameter
 from lacet.identify.multibody.rigid_body import NEVER_NEGATIVE
 from lacet.identify.regression.wls import Fit
@@ -46,10 +46,11 @@ def implausible_values(fitted: Fit, found: Sequence[Estimate]) -> list[Implausib
     """
     base, parameters = fitted.base, fitted.model.parameters
     heads = {parameters[int(i)].name: k for k, i in enumerate(base.independent)}
+    of_beams = _first_moments_of_beams(fitted)
     own = {q.name for effect in fitted.model.effects if effect.base for q in effect.parameters}
     out: list[ImplausibleValue] = []
     for e in found:
-        if not e.identifiable or e.name not in own or e.name not in heads:
+        if not e.identifiable or e.name not in own or e.name not in heads or e.name in of_beams:
             continue
         k = heads[e.name]
         members = [(1.0, parameters[int(base.independent[k])])]
@@ -60,6 +61,13 @@ def implausible_values(fitted: Fit, found: Sequence[Estimate]) -> list[Implausib
         if e.value + e.half_sheet < low or e.value - e.half_sheet > high:
             out.append(ImplausibleValue(e.name, e.unit, e.value, e.half_sheet, low, high))
     return out
+
+
+def _first_moments_of_beams(fitted: Fit) -> set[str]:
+    """First moments of the carriers of axles whose wheels move together: half of a beam reaches far inboard of its
+    wheel, and how far no range says that holds for other carriers."""
+    corners = fitted.runs[0].recording.vehicle.corners.items()
+    return {f"{kind}{AXLE[name]}" for name, corner in corners if corner.follows_other for kind in ("MX", "MY", "MZ")}
 
 
 def _is_never_negative(name: str) -> bool:

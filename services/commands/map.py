@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +23,7 @@ List every name of a log with its unit, rate and range, and propose which channe
 
   lacet map --guess lap.csv -o map.toml
   lacet map --guess lap.blf --dbc car.dbc -o map.toml
+  lacet map --guess lap.csv lap_imu.csv -o map.toml     the logs of one drive, as lacet import takes them
   lacet import lap.csv --map map.toml -o lap.mcap
 
 What is below {ACCEPTED} is written as a comment, unless it is accepted with --accept. Docs: own-log.md."""
@@ -33,8 +35,9 @@ _WIDEST = 60
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument(
-        "--guess", metavar="FILE", type=Path, required=True, help="log of another system, or the folder of a ROS 2 bag"
-    )
+        "--guess", metavar="FILE", type=Path, nargs="+", required=True,
+        help="logs of other systems of one drive, or the folder of a ROS 2 bag",
+    )  # fmt: skip
     parser.add_argument("-o", "--output", metavar="MAP", type=Path, help="write the map proposed")
     parser.add_argument("--dbc", metavar="FILE", type=Path, action="append", default=[], help="a bus's file")
     parser.add_argument("--read", metavar="MAP", type=Path, help="a map, or its [read] alone: how the log is read")
@@ -51,9 +54,10 @@ def run(args: argparse.Namespace) -> int:
             raise UsageError(f"--dbc {file}: no such file")
     reading = load_reading(args.read) if args.read else Reading()
     reading = replace(reading, dbc=(*reading.dbc, *args.dbc))
-    with opened(args.guess, reading) as source:
-        found = guess(source)
-        notes = list(source.notes)
+    with ExitStack() as stack:
+        sources = [stack.enter_context(opened(file, reading)) for file in args.guess]
+        found = guess(*sources)
+        notes = [note for source in sources for note in source.notes]
     rows = [
         [one.name, one.unit or "–", f"{one.rate:.4g}", _number(one.low), _number(one.high), one.column,
          _short(one.expression) + (f" [{one.said_unit}]" if one.said_unit else ""),
@@ -68,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     below = "accepted" if args.accept else "comments in the map; --accept uses them"
     print(f"{len(found)} names: {likely} columns proposed at {ACCEPTED} or above, {open_} below ({below})")
     if args.output is not None:
-        text = map_text(found, args.guess.name, args.accept)
+        text = map_text(found, ", ".join(file.name for file in args.guess), args.accept)
         if read := reading_text(reading):
             text = text.replace("\n\n", f"\n\n{read}\n", 1)
         args.output.write_text(text, encoding="utf-8")
@@ -78,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
          "expression": one.expression, "said_unit": one.said_unit, "probability": one.probability}
         for one in found
     ]  # fmt: skip
-    write_result(args.json, "map", {"file": args.guess, "names": result, "map": args.output, "notes": notes})
+    write_result(args.json, "map", {"files": args.guess, "names": result, "map": args.output, "notes": notes})
     return DONE
 
 

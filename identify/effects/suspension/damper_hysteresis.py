@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from lacet.identify.car.motion import CornerMotion
 from lacet.identify.effects.base import Parameter
 from lacet.identify.effects.memory import dahl
-from lacet.identify.effects.suspension.with_memory import SuspensionForceWithMemory
+from lacet.identify.effects.suspension.with_memory import SuspensionForceOnPath
 from lacet.identify.multibody.vectors import Array
 
 
-class DamperHysteresis(SuspensionForceWithMemory):
+class DamperHysteresis(SuspensionForceOnPath):
     """Dahl's friction: F = f z, dz/ds = (1 − z sign ṡ) / length, so that z goes from −1 to 1 over some lengths.
 
     It depends on the path, not on time: between reversals z = ±1 + (z0 ∓ 1) exp(−|Δs| / length), exact for a travel
@@ -35,6 +34,6 @@ class DamperHysteresis(SuspensionForceWithMemory):
         """Friction force f."""
         return (self.named("f", "N", 0.0, 1500.0, "positive"),)
 
-    def course(self, corner: CornerMotion, step: float) -> Array:
+    def path(self, travel: Array) -> Array:
         """State z of the friction, from −1 to 1."""
-        return dahl(corner.travel, self.shape.get("length", 0.003))
+        return dahl(travel, self.shape.get("length", 0.003))

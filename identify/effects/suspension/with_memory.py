@@ -23,3 +23,31 @@ class SuspensionForceWithMemory(AtSuspensions):
         """The force in the suspension rows of the corners acted on."""
         step = float(motion.t[1] - motion.t[0])
         return {f"suspension.{c}": self.course(motion.corners[c], step)[None] for c in self.corners()}
+
+
+class SuspensionForceOnPath(AtSuspensions):
+    """A force in each suspension that follows from the path of its travel alone; a subclass defines `path`.
+
+    Noise of the travel is a path, too, and no correction of second order repairs that: the columns follow the travel
+    expected given its record (docs/decisions/noise-in-regressors.md).
+    """
+
+    instantaneous: ClassVar[bool] = False
+
+    @property
+    def conditional(self) -> bool:
+        """True: columns follow what is expected of the travel."""
+        return True
+
+    @abstractmethod
+    def path(self, travel: Array) -> Array:
+        """(…, N) force per unit of the one parameter along travels (…, N) [m]."""
+
+    def columns(self, motion: Motion) -> dict[str, Array]:
+        """The force in the suspension rows of the corners acted on."""
+        return {f"suspension.{c}": self.path(expected_travel(motion.corners[c]))[None] for c in self.corners()}
+
+
+def expected_travel(corner: CornerMotion) -> Array:
+    """(N,) suspension travel expected given its record [m], or the travel itself where that is exact."""
+    return corner.travel if corner.conditional is None else corner.conditional.travel

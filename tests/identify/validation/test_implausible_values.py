@@ -6,11 +6,13 @@ from dataclasses import replace
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.run import Run
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.implausible_values import ImplausibleValue, implausible_values
 from lacet.identify.validation.parameter_estimates import estimates
 from lacet.services.render.implausible_values import implausible_result, implausible_text
-from tests.identify.regression.test_no_wheel_loads import fitted_to, found, moving, with_mass
+from tests.identify import cars
+from tests.identify.regression.test_no_wheel_loads import CAR, fitted_to, found, moving, with_mass
 
 
 def told_of(fitted: Fit) -> dict[str, ImplausibleValue]:
@@ -64,3 +66,17 @@ def test_a_negative_moment_of_inertia_is_told_though_it_stands_for_a_group() -> 
         assert "+" in head.group or name != "XX6"
         wrong = [replace(e, value=-abs(e.value) - 2.0 * e.half_sheet) if e is head else e for e in clean]
         assert [one.name for one in implausible_values(fitted, wrong)] == told
+
+
+def test_half_of_a_beam_reaches_far_inboard_of_its_wheel() -> None:
+    """First moments of the carriers are judged on axles alone whose wheels do not move together."""
+    fitted = found()
+    far = [
+        replace(e, value=-13.0, half=1.0, half_sheet=1.0, why=None) if e.name in ("MY11", "MY29") else e
+        for e in estimates(fitted, None, fitted.runs)
+    ]
+    assert [one.name for one in implausible_values(fitted, far)] == ["MY29", "MY11"]
+    (run, *others), jointed = fitted.runs, cars.with_joints(CAR)
+    corners = CAR.corners | {corner: jointed.corners[corner] for corner in ("rl", "rr")}
+    of_beam = PreparedRun(replace(run.recording, vehicle=replace(CAR, corners=corners)))
+    assert [one.name for one in implausible_values(replace(fitted, runs=(of_beam, *others)), far)] == ["MY29"]
