@@ -96,8 +96,7 @@ class CombSlopes:
     ----------
     t : (N,) time of each sample [s].
     comb : indices of the samples at which the derivatives were computed.
-    coarse : input → row → values at those samples, or a scalar where a derivative is constant; of assumptions at every
-        sample.
+    coarse : input → row → values at those samples, or a scalar where a derivative is constant.
     """
 
     t: Array
@@ -109,10 +108,7 @@ class CombSlopes:
         """Input → row → (N,) interpolated values at every sample, or a scalar where a derivative is constant."""
         at = self.t[self.comb]
         return {
-            key: {
-                row: slope if slope.size in (1, self.t.size) else np.interp(self.t, at, slope)
-                for row, slope in rows.items()
-            }
+            key: {row: slope if slope.size == 1 else np.interp(self.t, at, slope) for row, slope in rows.items()}
             for key, rows in self.coarse.items()
         }
 
@@ -123,6 +119,38 @@ class CombSlopes:
         for name, k, order in sorted(self.coarse):
             out.setdefault((name, k), []).append(order)
         return out
+
+
+@dataclass(frozen=True)
+class AssumedSlopes:
+    """Slopes of the residual by assumptions and by errors of bench tables, computed when they are first asked for.
+
+    The fits on the way to better parameter values do without them.
+
+    Attributes
+    ----------
+    recording, effects, theta : where they are taken.
+    motion : those with another recording of the same motion, of which the errors of bench tables are taken.
+    """
+
+    recording: Recording
+    effects: Sequence[PhysicalEffect]
+    theta: Array
+    motion: AssumedSlopes | None = None
+
+    @cached_property
+    def slopes(self) -> Mapping[str, Mapping[Row, Array]]:
+        """Name of the assumption or the table's error → row → values at every sample, or a scalar."""
+        own = _by_assumptions(self.recording, self.effects, self.theta)
+        if self.motion is None:
+            found = own | _by_tables(self.recording, self.effects, self.theta)
+            return {name: rows for (name, _, _), rows in found.items()}
+        # What hardly acts may pass the bar of rounding with this noise and not with that.
+        of_own = {name: rows for (name, _, _), rows in own.items()}
+        return {
+            name: {row: of_own.get(name, {}).get(row, slope) for row, slope in rows.items()}
+            for name, rows in self.motion.slopes.items()
+        }
 
 
 @dataclass(frozen=True)
@@ -198,11 +226,13 @@ class Sensitivity:
     ----------
     recording : the run, to whose channels changes are applied.
     taken : the derivatives, computed on this recording or on another of the same motion.
+    of_assumed : the derivatives by assumptions and bench tables, computed when they are first asked for.
     paths : forces that follow the path of a travel, which noise changes as no derivative says.
     """
 
     recording: Recording
     taken: CombSlopes
+    of_assumed: AssumedSlopes
     paths: PathForces
 
     @property
@@ -213,12 +243,12 @@ class Sensitivity:
     @property
     def channels(self) -> tuple[str, ...]:
         """Channels that any row depends on."""
-        return tuple(dict.fromkeys(name for name, _, order in self.taken.coarse if order != _ASSUMED))
+        return tuple(dict.fromkeys(name for name, _, _ in self.taken.coarse))
 
     @property
     def assumptions(self) -> tuple[str, ...]:
         """Names of the assumptions that any row depends on."""
-        return tuple(name for name, _, order in self.taken.coarse if order == _ASSUMED)
+        return tuple(self.of_assumed.slopes)
 
     @property
     def _bent(self) -> tuple[str, ...]:
@@ -242,8 +272,8 @@ class Sensitivity:
         before = residual(motion, active, theta)
         parts = [*range(_ASSUMED)] if any(effect.conditional for effect in active) else [*range(_MEAN)]
         slopes = _derivatives(coarse, measured, motion, before, active, theta, _inputs(coarse.signals, parts))
-        slopes |= _by_assumptions(recording, active, theta) | _by_tables(recording, active, theta)
-        return cls(recording, CombSlopes(recording.t, comb, slopes), PathForces.of(recording, effects, values))
+        assumed = AssumedSlopes(recording, active, theta)
+        return cls(recording, CombSlopes(recording.t, comb, slopes), assumed, PathForces.of(recording, effects, values))
 
     def on(self, recording: Recording) -> Sensitivity:
         """These derivatives with another recording of the same motion."""
@@ -259,13 +289,8 @@ class Sensitivity:
         if not self.recording.laws:
             return self.on(recording)
         active = [e for e in effects if _enters(e)]
-        own = _by_assumptions(recording, active, _active_values(effects, values))
-        # What hardly acts may pass the bar of rounding with this noise and not with that.
-        coarse = {
-            key: {row: own.get(key, {}).get(row, slope) for row, slope in rows.items()}
-            for key, rows in self.taken.coarse.items()
-        }
-        return replace(self, recording=recording, taken=replace(self.taken, coarse=coarse))
+        own = AssumedSlopes(recording, active, _active_values(effects, values), self.of_assumed)
+        return replace(self, recording=recording, of_assumed=own)
 
     def uncached(self) -> Sensitivity:
         """The sensitivity without the cached interpolation to every sample, which needs much memory."""
@@ -323,7 +348,7 @@ class Sensitivity:
     def assumed(self, name: str) -> dict[Row, Array]:
         """Change of the residual per unit of an assumption, row → (N,)."""
         ones = np.ones(self.recording.t.size)
-        return {row: slope * ones for row, slope in self.slopes.get((name, 0, _ASSUMED), {}).items()}
+        return {row: slope * ones for row, slope in self.of_assumed.slopes.get(name, {}).items()}
 
     def fault(self, fault: SensorFault) -> dict[Row, Array]:
         """Change of the residual per unit of a sensor fault's parameter, row → (N,)."""
