@@ -32,7 +32,9 @@ from lacet.daq.units import Unit, UnitFault, read_unit
 FORMAT = "lacet-map 1"
 _TABLES = ("format", "run", "read", "sources", "channels")
 READ_KEYS = ("time", "time_unit", "rate", "separator", "decimal", "encoding", "header", "dbc")
-SOURCE_KEYS = ("name", "unit", "time", "delay")
+SOURCE_KEYS = ("name", "unit", "time", "delay", "drift")
+LARGEST_DRIFT = 0.1
+"""Drift of a clock from which on it is no clock's."""
 CHANNEL_KEYS = ("from", "unit", "table", "delay")
 
 
@@ -42,12 +44,20 @@ class MapError(FileFault):
 
 @dataclass(frozen=True)
 class Said:
-    """What a map says of a name of the log: another `name` there, its `unit`, its column of times, its delay [s]."""
+    """What a map says of a name of the log.
+
+    Attributes
+    ----------
+    name : another name there; `unit` : of the recorded numbers; `time` : its column of times.
+    delay : that much later than measured it is stamped at the log's beginning [s]; `drift` : growth of that [s/s], by
+        a clock that runs fast.
+    """
 
     name: str = ""
     unit: str = ""
     time: str = ""
     delay: float = 0.0
+    drift: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -249,7 +259,7 @@ def _sources(reader: Reader) -> dict[str, Said]:
         _check_unit(reader, unit, f"{place}.unit")
         out[name] = Said(
             reader.text(entry, "name", place, ""), unit, reader.text(entry, "time", place, ""),
-            _delay(reader, entry, place),
+            _delay(reader, entry, place), _drift(reader, entry, place),
         )  # fmt: skip
     return out
 
@@ -264,17 +274,33 @@ def _check_unit(reader: Reader, unit: str, place: str) -> None:
 
 def _delay(reader: Reader, entry: dict[str, Any], place: str) -> float:
     text = entry.get("delay", "0 s")
-    if isinstance(text, str):
-        try:
-            written = read_names(text, {})
-            if not written.names and Dimensions(written.expression, {}, written.numbers).of() == Dimension.of(time=1):
-                return written.expression.value({})
-        except (ExpressionFault, ValueError):
-            pass
-        if text == "0 s":
-            return 0.0
-    reader.fault(f"{place}.delay", f'must be a time with its unit, "12 ms", found {text!r}')
-    return 0.0
+    found = _constant(text, Dimension.of(time=1))
+    if found is None and text != "0 s":
+        reader.fault(f"{place}.delay", f'must be a time with its unit, "12 ms", found {text!r}')
+    return found or 0.0
+
+
+def _drift(reader: Reader, entry: dict[str, Any], place: str) -> float:
+    text = entry.get("drift", "0 ms/s")
+    found = _constant(text, Dimension.of())
+    if found is None or not abs(found) < LARGEST_DRIFT:
+        reader.fault(
+            f"{place}.drift", f'must be a share of time below {LARGEST_DRIFT:.0%}, "10 ms/s" or "1 %", found {text!r}'
+        )
+    return found or 0.0
+
+
+def _constant(text: object, dimension: Dimension) -> float | None:
+    """Value of a text that is a number of this dimension; None for any other."""
+    if not isinstance(text, str):
+        return None
+    try:
+        written = read_names(text, {})
+        if not written.names and Dimensions(written.expression, {}, written.numbers).of() == dimension:
+            return written.expression.value({})
+    except (ExpressionFault, ValueError):
+        pass
+    return None
 
 
 def _channels(

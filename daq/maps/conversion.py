@@ -109,7 +109,7 @@ class Conversion:
             wanted = dict.fromkeys(self._places[key.name][1] for key in own)
             wanted |= dict.fromkeys(time for time in timed.values() if time)
             for piece in source.pieces(list(wanted)):
-                shared: dict[tuple[int, float], tuple[Array, NDArray[np.bool_] | None]] = {}
+                shared: dict[tuple[int, float, float], tuple[Array, NDArray[np.bool_] | None]] = {}
                 made: dict[Key, Series] = {}
                 for key in own:
                     series = self._series(key, piece, timed[key], at, shared)
@@ -141,9 +141,9 @@ class Conversion:
 
     def _series(
         self, key: Key, piece: Mapping[str, Series], time: str, at: int,
-        shared: dict[tuple[int, float], tuple[Array, NDArray[np.bool_] | None]],
+        shared: dict[tuple[int, float, float], tuple[Array, NDArray[np.bool_] | None]],
     ) -> Series | None:  # fmt: skip
-        """A name's series in SI, its times increasing, without its delay."""
+        """A name's series in SI, its times increasing, without its delay and drift."""
         name = self._places[key.name][1]
         if name not in piece:
             return None
@@ -154,29 +154,31 @@ class Conversion:
                     self.sources[at].path, [f"'{time}' cannot be the time of '{name}': they have different lengths"]
                 )
             stamps = piece[time].values
-        place = (id(stamps), key.delay)
+        place = (id(stamps), key.delay, key.drift)
         if place not in shared:
             unit = self._unit_of_time(time, at) if time else 1.0
             seconds = self._since_start(stamps * unit, at) if time else stamps
-            t = seconds - key.delay + self._offsets[at]
             last = self._last.get((at, time or name), -np.inf)
-            finite = np.isfinite(t)
-            highest = np.maximum.accumulate(np.concatenate([[last], np.where(finite, t, -np.inf)]))[:-1]
-            keep = finite & (t > highest)
+            finite = np.isfinite(seconds)
+            highest = np.maximum.accumulate(np.concatenate([[last], np.where(finite, seconds, -np.inf)]))[:-1]
+            keep = finite & (seconds > highest)
             if not keep.all():
                 first = int(np.argmin(keep))
-                new = _Dropped(int(np.count_nonzero(~keep)), float(highest[first]), float(highest[first] - t[first]))
+                back = float(highest[first] - seconds[first])
+                new = _Dropped(int(np.count_nonzero(~keep)), float(highest[first]) + self._offsets[at], back)
                 before = self._dropped.get(time or name)
                 self._dropped[time or name] = new if before is None else before.and_so(new.count)
-            shared[place] = (t if keep.all() else t[keep], None if keep.all() else keep)
+                seconds = seconds[keep]
+            if len(seconds):
+                self._ending[(at, time or name)] = float(seconds[-1])
+            t = (seconds - key.delay) / (1.0 + key.drift) + self._offsets[at]
+            shared[place] = (t, None if keep.all() else keep)
         t, kept = shared[place]
         values = values if kept is None else values[kept]
         flags = flags if kept is None or flags is None else flags[kept]
         values = in_si(values, key.unit)
         if len(values):
             self._sampled.add(self._places[key.name])
-        if len(t):
-            self._ending[(at, time or name)] = float(t[-1]) + key.delay
         return Series(t, values, flags)
 
     def _since_start(self, seconds: Array, at: int) -> Array:

@@ -16,11 +16,12 @@ from lacet.daq.units import Unit, UnitFault, read_unit
 
 
 class Key(NamedTuple):
-    """A series as an expression takes it: its name in the log, its unit, and the delay that is removed [s]."""
+    """A series as an expression takes it: its name in the log, its unit, the delay and its growth that are removed."""
 
     name: str
     unit: str
     delay: float
+    drift: float = 0.0
 
 
 class Recipe(NamedTuple):
@@ -96,7 +97,8 @@ def _keys(
         except UnitFault as cause:
             remedy = f'say the right one in [sources]: "{source}" = "…"'
             raise ValueError(f"{mapped.column}: '{found}': {cause}; {remedy}") from None
-        out[name] = Key(found, unit, mapped.delay + (said.delay or map_.said(found).delay))
+        there = map_.said(found)
+        out[name] = Key(found, unit, mapped.delay + (said.delay or there.delay), said.drift or there.drift)
     try:
         mapped.check(known)
     except ExpressionFault as cause:

@@ -51,6 +51,20 @@ def sentence(doubt: Doubt) -> str:
 
 def of_clocks(one: ClockDifference) -> str:
     """A difference of clocks, and what to do about it."""
+    if one.jump is not None:
+        since, lag = one.jump
+        return (
+            f"from {since:.0f} s on the {one.late} is {lag:.2f} s later than the {one.other}, and {one.lag:.2f} s "
+            f"before (correlation {one.alike:.2f} so): a log lost samples there, or a clock jumped. Cut the log there, "
+            "and import the parts as runs of their own"
+        )
+    if one.drift:
+        return (
+            f"the {one.late} gets later than the {one.other} by {1e3 * one.drift:.1f} ms each second, from "
+            f"{one.lag:.2f} s at the run's beginning (correlation {one.alike:.2f} so): one of their clocks runs fast "
+            "or slow. Give the names of its log a drift in the map, and look at the rest with 'lacet check --only "
+            "latency'"
+        )
     return (
         f"the {one.late} is about {one.lag:.2f} s later than the {one.other} (correlation {one.alike:.2f} at that "
         "lag; in a periodic manoeuvre it may be whole periods more): their clocks differ. Give the one that is late a "

@@ -60,6 +60,8 @@ imu.accel.z = "IMU.acc.z"
     ('[channels]\n"imu.accel.y" = 9.81', 'a constant is written with its unit: "9.81 m/s²"'),
     ('[channels]\n"imu.accel.y" = { name = "A" }', 'write "EXPRESSION" or { from = "EXPRESSION"'),
     ('[channels]\n"imu.accel.y" = { from = "A", delay = "12" }', 'must be a time with its unit, "12 ms"'),
+    ('[sources]\nA = { drift = "12 ms" }', "must be a share of time below 10%"),
+    ('[sources]\nA = { drift = "0.2" }', "must be a share of time below 10%"),
     ('[channels]\n"imu.accel.y" = { from = "A + B", unit = "g" }', "says the unit of one name, and here are more"),
     ('[channels]\n"imu.accel.y" = { from = "A", tabel = "x" }', "unknown key; did you mean 'table'?"),
     ('[read]\ndbc = "cra.dbc"\n[channels]\n"imu.accel.y" = "A"', "there is no file"),

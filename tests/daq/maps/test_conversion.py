@@ -269,6 +269,35 @@ def test_pieces_give_what_the_whole_gives(tmp_path: Path, monkeypatch: pytest.Mo
     assert assembly.GAP_STEPS > 1.0
 
 
+@pytest.mark.parametrize("said", ['delay = "30 ms"', 'delay = "-30 ms"', 'drift = "10 ms/s"', 'drift = "-1 %"'])
+def test_no_sample_is_lost_between_pieces_with_a_delay_or_a_drift(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: str
+) -> None:
+    """Stamps count as they are in the log: what is removed of them makes none go back."""
+    from lacet.daq.sources import parquet_table
+
+    pq.write_table(pa.table({"t": T, "A": np.sin(T)}), tmp_path / "a.parquet")
+    text = f'[sources]\nA = {{ unit = "m/s", {said} }}\n[channels]\n"car.speed" = "A"'
+    monkeypatch.setattr(parquet_table, "PIECE_SAMPLES", 17)
+    run = made(tmp_path / "a.parquet", text)
+    assert len(run.signals["car.speed"].t) == len(T)
+    assert not run.problems
+
+
+def test_a_clock_that_runs_fast_is_put_right(tmp_path: Path) -> None:
+    """Two logs of one drive; the clock of the second gains 1 % and began 0.4 s late, as the map says."""
+    one = table(tmp_path / "a.csv", t=T, A=np.sin(T))
+    other = table(tmp_path / "b.csv", t=1.01 * T + 0.4, B=np.cos(T))
+    said = '"?" = "m"\nB = { unit = "m", delay = "0.4 s", drift = "10 ms/s" }'
+    text = f'[sources]\n{said}\n[channels]\n"suspension.fl.travel" = "A"\n"suspension.fr.travel" = "B"'
+    run = mapped_run([one, other], ChannelMap.parse(HEAD + text))
+    signal = run.signals["suspension.fr.travel"]
+    np.testing.assert_allclose(signal.values[:, 0], np.cos(signal.t), atol=1e-6)
+    assert not any("one clock" in problem for problem in run.problems)
+    without = ChannelMap.parse(HEAD + text.replace(', delay = "0.4 s", drift = "10 ms/s"', ""))
+    assert any("unless the map says a delay" in problem for problem in mapped_run([one, other], without).problems)
+
+
 def test_no_channel_at_all_is_refused_with_the_way_out(tmp_path: Path) -> None:
     file = table(tmp_path / "a.csv", t=T, LatAcc=T)
     with pytest.raises(

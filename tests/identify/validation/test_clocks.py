@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lacet.daq.channels import CORNERS
-from lacet.daq.run import Run
+from lacet.daq.run import Run, Signal
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.validation.clocks import differing_clocks
 from lacet.services.render.plausibility import of_clocks
@@ -49,6 +49,44 @@ def test_travels_late_alone_are_told_as_such() -> None:
     (one,) = differing_clocks(stamped(cars.piece("sweep", 2.0, 22.0), "laser", 0.6))
     assert (one.late, one.other) == ("suspension travels", "inertial unit")
     assert one.lag == pytest.approx(0.6, abs=0.05)
+
+
+@pytest.mark.parametrize("name", ["sine", "sweep"])
+@pytest.mark.parametrize("fast", [0.01, -0.02])
+def test_a_clock_of_another_rate_is_told_with_its_drift(name: str, fast: float) -> None:
+    """The unit's stamps grow by that share; removed as a map does, nothing is said."""
+    run = cars.piece(name, 2.0, 22.0)
+    signals = {
+        n: replace(one, t=one.t * (1.0 + fast)) if n.startswith("imu") else one for n, one in run.signals.items()
+    }
+    (found, *others) = differing_clocks(PreparedRun.of(replace(run, signals=signals), VEHICLE, RIG))
+    assert found.drift == pytest.approx(abs(fast), rel=0.3)
+    assert abs(found.lag) < 0.15
+    assert found.jump is None
+    assert (found.late == "inertial unit") == (fast > 0.0)
+    assert "ms each second" in of_clocks(found)
+    assert all(one.drift for one in others)
+
+
+@pytest.mark.parametrize("kind", ["imu", "laser"])
+def test_a_log_that_lost_seconds_is_told_from_when_on(kind: str) -> None:
+    """Its stamps go on without a gap, so that all behind it are early."""
+    run = cars.piece("sweep", 2.0, 22.0)
+    begin = float(run.signals["imu.accel"].t[0])
+
+    def lost(one: Signal) -> Signal:
+        keep = (one.t < begin + 8.0) | (one.t >= begin + 9.3)
+        t = np.where(one.t < begin + 8.0, one.t, one.t - 1.3)
+        return replace(one, t=t[keep], values=one.values[keep], flags=one.flags[keep])
+
+    signals = {n: lost(one) if n.startswith(kind) else one for n, one in run.signals.items()}
+    (found, *_) = differing_clocks(PreparedRun.of(replace(run, signals=signals), VEHICLE, RIG))
+    assert found.jump is not None
+    assert found.jump[0] - begin == pytest.approx(8.0, abs=0.3)
+    assert found.lag == pytest.approx(0.0, abs=0.1)
+    assert found.jump[1] == pytest.approx(1.3, abs=0.1)
+    assert (found.other == "inertial unit") == (kind == "imu")
+    assert f"from {found.jump[0]:.0f} s on" in of_clocks(found)
 
 
 def test_nothing_is_said_of_channels_that_stand_still() -> None:
