@@ -121,9 +121,14 @@ def from_equations(found: EquationFault) -> str:
             f"{with_interval(1e3 * value, 1e3 * found.half[axis], '+')} mm in {axis}"
             for axis, value in found.off.items()
         )
+        remedy = "Inertias and heights are off with it: measure it again; lacet check estimates it"
+        if found.remaining**2 - 1.0 > 0.5 * (found.misfit**2 - 1.0):
+            remedy = (
+                "Most of it remains, so that a length may be wrong in its place: check those of the vehicle file first"
+            )
         return (
             f"{_runs(found.runs)}: the inertial unit is not where the rig says, but {off} from there "
-            f"({_misfit(found)}). Inertias and heights are off with it: measure it again; lacet check estimates it"
+            f"({_misfit(found)}). {remedy}"
         )
     return f"{_runs(found.runs)}: {_fault(found)}"
 

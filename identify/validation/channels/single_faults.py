@@ -439,7 +439,9 @@ def _wrong_scale(one: FaultEstimate, misfit: float, half: float) -> tuple[Fault,
     if misfit - one.scale_fall > _GROSS**2:  # beside a misfit as large any value may come out
         return None
     if one.scale + half < (1.0 / _TWICE if _is_opposite(one) else -_OPPOSITE):
-        return Fault.SIGN, ""
+        # A reversed column is as large as it was: one that should be far larger stands in for another fault.
+        larger = one.scale < -_TWICE and one.scale_fall < EXPLAINS * (misfit - 1.0)
+        return None if larger else (Fault.SIGN, "")
     if one.noise > NOISY or one.scale_fall < max(MUCH, EXPLAINS * (misfit - 1.0)):
         return None
     if abs(one.scale) + half < 1.0 / _TENFOLD:
