@@ -83,6 +83,7 @@ def build_motion(
         channels=frozenset(recording.signals.value), notes=(*recording.notes, *measured.notes), ahead=measured.ahead,
         masses=known_masses(recording), known=known_parameters(recording), road_height=road_height,
         pitching=frozenset(c for c in CORNERS if pitches(f"wheel.{c}.force", recording)),
+        derived=frozenset(law.channel for law in recording.laws),
     )  # fmt: skip
 
 

@@ -197,7 +197,7 @@ class Motion:
     rows : the rows whose left side is measured, in the order of `ROWS`.
     left_out : why each other row is absent.
     usable : row → (N,) whether a sample is outside flagged intervals and filter transients.
-    channels : channels the run has.
+    channels : channels the run has; `derived` : those that follow from others.
     notes : notes for the reader of the results.
     ahead : distance of ground lasers ahead of their wheels' centres [m], negative behind: the largest in magnitude.
     masses : known masses, of ``chassis`` and ``axle.{c}`` (what is unsprung at a corner) → (N,) [kg]; empty where wheel
@@ -232,6 +232,7 @@ class Motion:
     known: Mapping[str, Array] = field(default_factory=dict[str, Array])
     road_height: float = 0.0
     pitching: frozenset[str] = frozenset()
+    derived: frozenset[str] = frozenset()
     _off: dict[tuple[tuple[str, ...], float, float], Motion] = field(
         default_factory=dict[tuple[tuple[str, ...], float, float], "Motion"], init=False, repr=False, compare=False
     )

@@ -147,8 +147,12 @@ class Use:
         return self.state.body(motion)
 
     def lacks(self, motion: Motion, corner: str) -> list[str]:
-        """Channels that it needs and a run lacks."""
-        c, has = self.corner(corner), motion.channels
+        """Channels that it needs and a run lacks. Angles of the wheels may follow from steering and travels.
+
+        An error of these turns a load in the second order of it.
+        """
+        c = self.corner(corner)
+        has = motion.channels | {name for name in motion.derived if name.startswith("camera.")}
         channels = [channel.format(c=c) for channel in self.state.channels]
         if self.state.tyre:
             grounds = tuple(one for one in CORNERS if f"laser.{one}.ground" in has)

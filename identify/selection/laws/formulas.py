@@ -174,8 +174,10 @@ def _tested(space: ScoreTests, fronts: Sequence[tuple[Found, Sequence[Found]]]) 
     out: list[Formula] = []
     for (best, front), texts in zip(fronts, written, strict=True):
         found = {id(one): c for one, text in zip(front, texts, strict=True) if (c := tests.get(effects[text.text].key))}
-        laws = {id(one): _law(text, one, explained[effects[text.text].key], names)
-                for one, text in zip(front, texts, strict=True) if id(one) in found}  # fmt: skip
+        # What makes the error larger where it was not fitted to describes nothing.
+        parts = {id(one): explained[effects[text.text].key] for one, text in zip(front, texts, strict=True)}
+        laws = {id(one): _law(text, one, parts[id(one)], names) for one, text in zip(front, texts, strict=True)
+                if id(one) in found and parts[id(one)] >= SELECTION.least_gain}  # fmt: skip
         if not laws:
             continue
         one = id(best) if id(best) in laws else list(laws)[-1]
