@@ -15,7 +15,7 @@ import numpy as np
 from lacet.daq.channels import CHANNELS
 from lacet.daq.set_aside import ArraysOnDisk, DiskSpace, JoinedOnDisk
 from lacet.identify.car.rows import Row
-from lacet.identify.effects.body.payload import Payload
+from lacet.identify.effects.body.payload import Payload, middle
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
@@ -82,12 +82,12 @@ def joined_zeros(pieces: Sequence[Zeros]) -> Zeros:
 class PayloadSpread:
     """How payloads differ from run to run: 1 σ about the car that the runs have in common.
 
-    `mass` [kg]; `arms` distance of the payload from the body's origin, along, across, up [m]: σ of a first moment is
-    `mass` times its arm.
+    `mass` [kg]; `arms` distance of the payload from the middle between the axles, along, across, up from the body's
+    origin [m]: σ of a first moment about that is `mass` times its arm. Seats and a boot, or the bed of a pickup.
     """
 
     mass: float
-    arms: tuple[float, float, float] = (1.0, 0.4, 0.5)
+    arms: tuple[float, float, float] = (1.2, 0.4, 0.5)
 
     @property
     def sigma(self) -> Array:
@@ -96,13 +96,15 @@ class PayloadSpread:
 
 
 def with_payload(zeros: Zeros | None, run: PreparedRun, spread: PayloadSpread) -> Zeros:
-    """A run's zeros, and the mass and first moments of its payload beside them."""
+    """A run's zeros, and the mass of its payload and its first moments about the middle between the axles."""
+    x = middle(run.kept_motion)
     effect = Payload(run.name)
     columns = run.columns(effect)
     count = len(effect.parameters)
     table: dict[Row, Array] = {}
     for row in run.rows:
         own = columns[row].T if row in columns else np.zeros((len(run.index[row]), count))
+        own = np.column_stack([own[:, 0] + x * own[:, 1], own[:, 1:]])
         table[row] = own if zeros is None else np.column_stack([zeros.columns[row], own])
     names = tuple(q.name for q in effect.parameters)
     if zeros is None:

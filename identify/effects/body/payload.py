@@ -6,13 +6,14 @@ import math
 from collections.abc import Sequence
 from typing import Self
 
+import numpy as np
+
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
 from lacet.identify.effects.base import Implausible, Parameter, PhysicalEffect
 from lacet.identify.multibody.rigid_body import PARAMETERS, wrench_regressor
 from lacet.identify.multibody.vectors import Array
 
-_NAMES = ("M", "MX", "MY", "MZ")
 _ON_THE_CAR = {"x": (-5.0, 1.5), "y": (-1.2, 1.2), "z": (-0.6, 2.0)}
 """Where a payload can be, from the body origin [m]: within the outline of a van, roof rack and tow ball included."""
 _ROWS = ("chassis.fx", "chassis.fy", "chassis.fz", "chassis.mx", "chassis.my", "chassis.mz")
@@ -21,8 +22,8 @@ _ROWS = ("chassis.fx", "chassis.fy", "chassis.fz", "chassis.mx", "chassis.my", "
 class Payload(PhysicalEffect):
     """A point mass on the body in one run and in no other: passengers, luggage, fuel used.
 
-    Mass and first moments about the body origin are added to the chassis of the other runs, not its inertia about
-    itself.
+    Mass and first moments about the body origin are added to the chassis of the other runs, and the moments of inertia
+    that these have to first order of the distance from the middle between the axles.
     """
 
     name = "payload"
@@ -67,10 +68,21 @@ class Payload(PhysicalEffect):
         return super().implausible(values, half)
 
     def columns(self, motion: Motion) -> dict[str, Array]:
-        """The columns of the chassis' mass and first moments, in the one run."""
+        """The columns of the chassis' mass and first moments, with their moments of inertia, in the one run."""
         if motion.name != self.where:
             return {}
         body = motion.body
         table = wrench_regressor(body.omega, body.omega_dot, body.accel)
-        places = [PARAMETERS.index(name) for name in _NAMES]
-        return {row: table[k, places] for k, row in enumerate(_ROWS)}
+        of = dict(zip(PARAMETERS, np.moveaxis(table, 1, 0), strict=True))
+        x = middle(motion)
+        pitch_and_yaw = of["YY"] + of["ZZ"]  # m x² is 2 x₀ m x − x₀² m nearby, and −m x y is −x₀ m y
+        columns = np.stack([
+            of["M"] - x**2 * pitch_and_yaw, of["MX"] + 2.0 * x * pitch_and_yaw, of["MY"] - x * of["XY"],
+            of["MZ"] - x * of["XZ"],
+        ], axis=1)  # fmt: skip
+        return {row: columns[k] for k, row in enumerate(_ROWS)}
+
+
+def middle(motion: Motion) -> float:
+    """Middle between the axles from the body origin, along the car [m]."""
+    return float(np.mean([(corner.centre - corner.shift)[0, 0] for corner in motion.corners.values()]))

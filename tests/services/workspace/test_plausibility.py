@@ -42,7 +42,7 @@ SEEN = (
     ("imu.accel", "x", -1.0, "liftoff", "the wheel forces' x have the sign opposite to imu.accel x"),
     ("imu.rate", "xyz", DEGREES, "sine", "times as fast as imu.rate z says: is the rate in °/s?"),
     ("imu.rate", "z", -1.0, "sine", "imu.attitude yaw turns against imu.rate z: one of them has the wrong sign"),
-    ("imu.attitude", "xyz", DEGREES, "sine", "times as fast as imu.rate z says: is it in degrees, or the rate in rad/s"),
+    ("imu.attitude", "xyz", DEGREES, "sine", "as imu.rate z says: is it in degrees, or the rate in rad/s"),
     ("imu.attitude", "x", -1.0, "rough", "imu.attitude roll turns against imu.rate x"),
     ("imu.attitude", "y", -1.0, "rough", "imu.attitude pitch turns against imu.rate y"),
     ("imu.[ra]*t*e", "xyz", DEGREES, "sine", "imu.accel y is 0.0174 times imu.rate z times the speed"),
