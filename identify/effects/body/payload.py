@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -23,7 +23,8 @@ class Payload(PhysicalEffect):
     """A point mass on the body in one run and in no other: passengers, luggage, fuel used.
 
     Mass and first moments about the body origin are added to the chassis of the other runs, and the moments of inertia
-    that these have to first order of the distance from the middle between the axles.
+    that these have to first order of the distance from a place `x` along the car, the middle between the axles where it
+    is not searched.
     """
 
     name = "payload"
@@ -32,6 +33,9 @@ class Payload(PhysicalEffect):
     shown_by = "runs with and without the payload; braking or steering shows where it sits"
     source = "Newton's law; Khalil and Dombre (2002), chapter 9"
     rows = ("chassis",)
+    grids: ClassVar = {"x": (-3.0, -1.5, 0.0)}
+    grid_units: ClassVar = {"x": "m"}
+    bounds: ClassVar = {"x": _ON_THE_CAR["x"]}
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
@@ -74,7 +78,7 @@ class Payload(PhysicalEffect):
         body = motion.body
         table = wrench_regressor(body.omega, body.omega_dot, body.accel)
         of = dict(zip(PARAMETERS, np.moveaxis(table, 1, 0), strict=True))
-        x = middle(motion)
+        x = self.shape.get("x", middle(motion))
         pitch_and_yaw = of["YY"] + of["ZZ"]  # m x² is 2 x₀ m x − x₀² m nearby, and −m x y is −x₀ m y
         columns = np.stack([
             of["M"] - x**2 * pitch_and_yaw, of["MX"] + 2.0 * x * pitch_and_yaw, of["MY"] - x * of["XY"],

@@ -296,3 +296,66 @@ def test_a_name_may_end_in_its_unit(tmp_path: Path, name: str, column: str, unit
     with opened(tmp_path / "a.csv") as source:
         (one,) = guess(source)
     assert (one.column, one.said_unit or one.unit) == (column, unit)
+
+
+def drive_with_pots(folder: Path) -> tuple[Path, Path]:
+    """Two logs of one drive: loads and readings of potentiometers that shorten in compression; an inertial unit."""
+    run = piece("sine", 3.0, 28.0)
+    t = run.signals["wheel.fl.force"].t
+    columns = {"t [s]": t}
+    for corner in ("fl", "fr", "rl", "rr"):
+        hub = run.signals[f"laser.{corner}.hub"]
+        travel = -(hub.values[:, 0] - np.mean(hub.values[:, 0]))
+        columns[f"Pot_{corner.upper()} [mm]"] = 150.0 - 1e3 * np.interp(t, hub.t, travel)
+        if corner[0] == "f":
+            columns[f"WFT_{corner.upper()}_Fz [N]"] = run.signals[f"wheel.{corner}.force"].values[:, 2]
+    columns["Brake_P [bar]"] = 5.0 + np.sin(t)
+    columns["WFT_FL_Rot [1/min]"] = np.full(len(t), 400.0) + np.sin(t)
+    unit = run.signals["imu.attitude"]
+    rates = run.signals["imu.rate"]
+    own = {"t [s]": unit.t, "Time2 [s]": unit.t}
+    own |= {f"INS_{name} [deg]": np.rad2deg(unit.values[:, k]) for k, name in enumerate(("Roll", "Pitch", "Heading"))}
+    own |= {f"INS_Gyro{a} [deg/s]": np.rad2deg(np.interp(unit.t, rates.t, rates.values[:, k]))
+            for k, a in enumerate("XYZ")}  # fmt: skip
+    for name, table in (("main", columns), ("ins", own)):
+        head = ",".join(table)
+        np.savetxt(folder / f"{name}.csv", np.column_stack(list(table.values())), "%.9g", ",", header=head, comments="")
+    return folder / "main.csv", folder / "ins.csv"
+
+
+def test_the_logs_of_one_drive_are_judged_together(tmp_path: Path) -> None:
+    """As ``lacet import`` takes them: names that both have are told apart by their file."""
+    main_log, unit = drive_with_pots(tmp_path)
+    result = tmp_path / "r.json"
+    words = ["map", "--guess", main_log, unit, "--accept", "-o", tmp_path / "map.toml", "--json", result]
+    assert main(list(map(str, words))) == 0
+    found = conforms(result, "map")
+    assert found["files"] == [str(main_log), str(unit)]
+    columns = {one["column"]: one for one in found["names"] if one["column"]}
+    assert columns["imu.attitude.yaw"]["name"] == "INS_Heading"  # beside a roll and a pitch angle of its name
+    assert "gnss.course" not in columns
+    assert columns["brake.pressure"]["name"] == "Brake_P"
+    assert columns["wheel.fl.speed"]["name"] == "WFT_FL_Rot"
+    text = (tmp_path / "map.toml").read_text(encoding="utf-8")
+    assert "proposed from main.csv, ins.csv" in text
+    made = ChannelMap.load(tmp_path / "map.toml").channels
+    assert {"imu.attitude.roll", "imu.attitude.yaw", "wheel.fl.speed", "damper.rr.travel"} <= made.keys()
+
+
+def test_potentiometers_of_one_kind_have_one_sign_and_count_from_the_middle(tmp_path: Path) -> None:
+    """Also those at the wheels without a load; what reads 150 mm at rest is no travel from design height."""
+    main_log, unit = drive_with_pots(tmp_path)
+    with opened(main_log) as first, opened(unit) as second:
+        found = {one.name: one for one in guess(first, second)}
+    for corner in ("FL", "FR", "RL", "RR"):
+        one = found[f"Pot_{corner}"]
+        assert one.column == f"damper.{corner.lower()}.travel"
+        zero, minus, name = one.expression.partition(" mm - ")
+        assert (minus, name, one.own_zero) == (" mm - ", f"Pot_{corner}", True)
+        assert float(zero) == pytest.approx(150.0, abs=5.0)
+    text = map_text(list(found.values()), "main.csv", accept=True)
+    assert text.count("counted from this log's median: better from the reading at design height") == 4
+
+
+def test_a_course_alone_is_no_attitude() -> None:
+    assert [meaning.column for meaning in meanings("GPS_Heading")] == ["gnss.course"]

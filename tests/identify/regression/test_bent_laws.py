@@ -188,3 +188,51 @@ def test_the_noise_floor_of_friction_holds_motion_that_the_pre_filter_stopped() 
     ratio = {row: sigma[0.03][row] / sigma[0.0][row] for row in sigma[0.0]}
     assert all(ratio[Row(f"suspension.{c}")] > 1.3 for c in ("fl", "fr"))
     assert all(0.9 < ratio[Row(f"suspension.{c}")] < 1.1 for c in ("rl", "rr"))
+
+
+DAHL = replace(exact.KNOWN["damper_hysteresis.front"], shape={"length": 0.004})
+
+
+def with_hysteresis(seconds: float) -> tuple[Recording, PreparedRun]:
+    """A calm drive of a car with 260 N of friction that turns round over 4 mm, without noise; and with the sheet's."""
+    curves = cars.drive_curves(np.random.default_rng(2))
+    for name, curve in curves.items():
+        if name.endswith("hub"):
+            curve.a = 0.15 * curve.a
+    t = np.arange(round(seconds * cars.RATE)) / cars.RATE
+    record = cars.recording(cars.exact_signals(curves, t), exact.VEHICLE, exact.RIG, Filters())
+    record = cars.fulfil(record, (*exact.MODEL.effects, DAHL), np.append(exact.theta(), 260.0))
+    return record, measured(record, 3)
+
+
+def test_friction_with_memory_follows_the_travel_expected_given_the_record() -> None:
+    """And not the path of the noise, which would turn it round: it is nearer to what acts in the car."""
+    exactly, run = with_hysteresis(30.0)
+    true, motion = PreparedRun(exactly).motion, run.motion
+    for c in ("fl", "fr"):
+        corner = motion.corners[c]
+        assert corner.conditional is not None
+        (found,) = DAHL.columns(motion)[f"suspension.{c}"]
+        np.testing.assert_array_equal(found, DAHL.path(corner.conditional.travel))
+        acting = DAHL.path(true.corners[c].travel)
+        assert np.std(found - acting) < 0.5 * np.std(DAHL.path(corner.travel) - acting)
+
+
+def test_the_noise_floor_holds_what_noise_of_the_travel_does_to_friction_with_memory() -> None:
+    """The residual of the true parameters is as large as the floor, in the rows with friction and the others."""
+    _, run = with_hysteresis(40.0)
+    physics, values = (exact.MODEL + DAHL).physics, np.append(exact.theta(), 260.0)
+    sensitivity = Sensitivity.of(run.recording, physics, values)
+    draws = [run.decimated(drawn) for drawn in _each(sensitivity, 12)]
+    without = Sensitivity.of(run.recording, exact.MODEL.physics, exact.theta())
+    smaller = [run.decimated(drawn) for drawn in _each(without, 12)]
+    for row in run.rows:
+        if row.kind == "suspension":
+            residual = run.measured[row] - run.matrix(physics, row) @ values
+            floor, less = (np.sqrt(np.mean([np.mean(one[row] ** 2) for one in some])) for some in (draws, smaller))
+            assert np.sqrt(np.mean(residual**2)) == pytest.approx(floor, rel=0.15), row
+            assert (floor > 1.2 * less) == (row.place in ("fl", "fr"))
+
+
+def _each(sensitivity: Sensitivity, count: int) -> list[dict[Row, Array]]:
+    return [sensitivity.noise(np.random.default_rng(k)) for k in range(count)]
