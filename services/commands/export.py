@@ -108,11 +108,15 @@ def _run(args: argparse.Namespace) -> int:
     names = _chosen(args.source, list(found.signals), args.channels)
     found = replace(found, signals={name: found.signals[name] for name in names})
     own_log = args.source.suffix.lower() == ".mcap" and is_own(args.source)
-    started = LogReader(args.source).start.started_ns if own_log else None
+    log = LogReader(args.source) if own_log else None
     with replacing(args.output, args.force) as part:
-        write_mf4(found, part, started)
+        write_mf4(found, part, log.start.started_ns if log else None)
     samples = {name: len(signal.t) for name, signal in found.signals.items()}
-    return _done(args, Form.RUN, samples, found.problems)
+    damage = [line for line in found.problems if (log and line in log.damage) or "damaged" in line]
+    for line in found.problems:
+        if line not in damage:
+            print(f"! {line}")
+    return _done(args, Form.RUN, samples, damage)
 
 
 def _rows(args: argparse.Namespace) -> int:

@@ -9,6 +9,7 @@ import os
 import secrets
 import shutil
 import time
+import tomllib
 import unicodedata
 from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
@@ -154,7 +155,12 @@ def _placed(cache: SessionCache, part: Path, target: Path, replace: bool) -> dic
 
 
 def _check_map(path: Path) -> None:
-    """Check a channel map, of the kind that it says it is."""
+    """Check a channel map, of the kind that it says it is. Raises UsageError for the file of a car or a rig."""
+    with suppress(OSError, ValueError):
+        kind = str(tomllib.loads(path.read_text(encoding="utf-8")).get("format", "")).partition(" ")[0]
+        for name in _TOML:
+            if kind == f"lacet-{name.removesuffix('.toml')}":
+                raise UsageError(f"{path}: is no channel map but a {kind} file: give it the name {name}")
     (read_map if FORMAT in path.read_text(encoding="utf-8", errors="replace") else ChannelMap.load)(path)
 
 

@@ -232,6 +232,19 @@ def test_a_run_is_read_again_and_by_asammdf_alone(tmp_path: Path, capsys: pytest
         assert set(mdf.channels_db) == {"time", "laser.fl.hub"}
 
 
+def test_a_note_on_a_log_is_no_damage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of how it was read, a unit taken for SI here; the log is whole, and the exit code 0."""
+    (tmp_path / "a.csv").write_text("t,v\n" + "".join(f"{k / 100},{k / 10}\n" for k in range(300)))
+    (tmp_path / "m.toml").write_text('format = "lacet-map 1"\n[channels]\n"car.speed" = "v"\n')
+    words = ["import", str(tmp_path / "a.csv"), "--map", str(tmp_path / "m.toml"), "-o", str(tmp_path / "a.mcap")]
+    assert main(words) == 3
+    capsys.readouterr()
+    assert main(["export", str(tmp_path / "a.mcap"), "-o", str(tmp_path / "a.mf4")]) == 0
+    said = capsys.readouterr().out
+    assert "! without a unit in file and map, taken as SI: v" in said
+    assert "damaged" not in said
+
+
 def test_samples_not_to_be_used_are_marked_invalid(tmp_path: Path) -> None:
     run = piece("sine", 4.0, 6.0)
     run.signals["imu.rate"].flags[20:30] |= np.uint8(Flag.RANGE)

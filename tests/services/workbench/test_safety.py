@@ -386,3 +386,14 @@ def test_a_question_that_cannot_be_read_is_answered(page: Page):
         job = page.until_over(page.start(do, **args))
         assert job["state"] == "failed", (do, args)
         assert "lacet itself" not in job["error"]
+
+
+@pytest.mark.parametrize("kind", ["vehicle", "rig"])
+def test_a_car_s_file_of_another_name_is_told_its_name(empty: TestClient, tmp_path: Path, kind: str):
+    answer = empty.put("/api/runs/pickup.toml", content=f'format = "lacet-{kind} 1"\nname = "pickup"\n'.encode())
+    assert answer.status_code == 400
+    assert (
+        f"pickup.toml: is no channel map but a lacet-{kind} file: give it the name {kind}.toml"
+        in answer.json()["error"]
+    )
+    assert not any(tmp_path.rglob("pickup.toml"))
