@@ -35,10 +35,11 @@ def test_a_value_of_the_file_stands_beside_the_one_found() -> None:
 def test_from_hub_loads_the_whole_vehicle_lacks_its_wheels() -> None:
     found = beforehand_table(KNOWN, result("hub"))
     assert found is not None
-    assert [row[0] for row in found.rows] == ["spring.fl.k"]
-    assert found.note == "  mass: with wheels, which hub loads lack"
+    assert found.rows[0] == ["mass", "scales", "1500.0", "1530.0", "± 6.0", "kg", "-"]
+    assert found.rows[1][-1] == "+5.0"
+    assert found.note == "  mass: a priori with wheels, found inboard of the dynamometers"
 
 
 def test_where_nothing_is_known_there_is_no_table() -> None:
     assert beforehand_table({}, result("contact")) is None
-    assert beforehand_table({"mass": KNOWN["mass"]}, result("hub")) is None
+    assert beforehand_table({"cog.x": KNOWN["mass"]}, result("hub")) is None
