@@ -22,6 +22,10 @@ from lacet.identify.regression.prepared_run import PreparedRun
 
 _OTHER_UNIT = 1000.0**0.5
 """Ratio of two sizes that is nearer to 1000, the factor between a unit and its thousandth, than to 1."""
+_POUND = 4.448
+"""N in a pound of force: the smallest factor between units of a load."""
+_STRAIGHT = 2.0
+"""Median lateral acceleration above which a run is a circle [m/s²]."""
 _MIRRORED = ("laser.hub", "laser.ground", "camera.steer", "camera.camber", "wheel.angle")
 """Families that vary alike on both sides of the car, whichever wheel is braked."""
 _MOVES = 3.0
@@ -127,6 +131,8 @@ def other_sizes(run: Run, rig: Rig) -> list[OtherSize]:
         f"wheel.{c}.force.z": abs(float(_middle(run, f"wheel.{c}.force")[2])) for c in _there(run, "wheel.{}.force")
     }
     out = [OtherSize(c, size, others) for c, size, others in _unlike(loads) if _is_other(size, others)]
+    if not out and len(loads) == len(CORNERS) and not _turns_all_along(run):
+        out = _lopsided(list(loads), list(loads.values()))
     for family in _MIRRORED:
         pattern = ".{}.".join(family.split("."))
         sizes = {pattern.format(c): _variation(run, pattern.format(c)) for c in _there(run, pattern)}
@@ -139,6 +145,30 @@ def other_sizes(run: Run, rig: Rig) -> list[OtherSize]:
                     odd = max(pair, key=lambda column: abs(np.log(found[column][0] / found[column][1])))
                 out.append(OtherSize(odd, sizes[odd], sizes[pair[1 - pair.index(odd)]]))
     return out
+
+
+def _turns_all_along(run: Run) -> bool:
+    """Whether a run is a circle, in which the inner wheels lose their load; and one without lateral acceleration."""
+    return "imu.accel" not in run.signals or abs(float(_middle(run, "imu.accel")[1])) > _STRAIGHT
+
+
+def _lopsided(columns: Sequence[str], loads: Sequence[float]) -> list[OtherSize]:
+    """The wheel whose load is another part of its axle's than the other axle says, by a unit's factor.
+
+    `columns`, `loads` : of the four corners. Of the four that would explain it the one farthest from the others.
+    """
+    if min(loads) <= 0.0:
+        return []
+    left_front, right_front, left_rear, right_rear = loads
+    if abs(math.log(left_front / right_front * right_rear / left_rear)) < math.log(_POUND) / 2.0:
+        return []
+    expected = [
+        right_front * left_rear / right_rear, left_front * right_rear / left_rear,
+        right_rear * left_front / right_front, left_rear * right_front / left_front,
+    ]  # fmt: skip
+    middle = math.log(float(np.median(loads)))
+    odd = max(range(len(loads)), key=lambda k: abs(math.log(loads[k]) - middle))
+    return [OtherSize(columns[odd], loads[odd], expected[odd])]
 
 
 def _there(run: Run, pattern: str) -> list[str]:

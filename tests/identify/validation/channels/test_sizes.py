@@ -54,6 +54,31 @@ def test_a_column_in_thousandths_is_larger_than_the_others(column: str) -> None:
     assert sentence(found).endswith("is it in another unit?")
 
 
+@pytest.mark.parametrize("corner", ["fl", "fr", "rl", "rr"])
+@pytest.mark.parametrize("factor", [1.0 / 4.448, 4.448, 10.0])
+def test_a_load_in_pounds_is_told_by_the_loads_of_the_other_axle(corner: str, factor: float) -> None:
+    """With what its axle's other wheel carries in the proportion of the other axle's."""
+    run, column = piece(), f"wheel.{corner}.force.z"
+    (found,) = other_sizes(with_column(run, column, factor * series_of(run, column)), RIG)
+    assert found.column == column
+    assert found.size / found.others == pytest.approx(factor, rel=0.2)
+    assert "is it in another unit?" in sentence(found)
+
+
+def test_the_inner_wheels_of_a_circle_have_no_other_unit() -> None:
+    """They carry a part of what the outer ones do, and not of both axles the same; an axle may be heavier."""
+    run = piece()
+    for corner, factor in (("fl", 0.25), ("rl", 0.6)):
+        run = with_column(run, f"wheel.{corner}.force.z", factor * series_of(run, f"wheel.{corner}.force.z"))
+    assert [found.column for found in other_sizes(run, RIG)] == ["wheel.fl.force.z"]  # straight on
+    circle = with_column(run, "imu.accel.y", 5.0 + series_of(run, "imu.accel.y"))
+    assert other_sizes(circle, RIG) == []
+    rear = piece()
+    for corner in ("rl", "rr"):
+        rear = with_column(rear, f"wheel.{corner}.force.z", 0.3 * series_of(rear, f"wheel.{corner}.force.z"))
+    assert other_sizes(rear, RIG) == []
+
+
 @pytest.mark.parametrize("column", ["laser.fl.hub", "laser.rr.ground"])
 def test_a_distance_below_zero_has_the_wrong_sign(column: str) -> None:
     (found,) = negative_distances(spoilt_column(piece(), column, "sign"))
