@@ -140,6 +140,12 @@ def _build() -> dict[str, Channel]:
 CHANNELS: dict[str, Channel] = _build()
 """Every channel by name."""
 
+MAY_REST = frozenset({
+    "brake.pressure", "brake.torque", "engine.speed", "engine.throttle", "gnss.altitude", "gnss.course",
+    "gnss.latitude", "gnss.longitude", "gnss.speed", "scale.load", "shaft.torque", "steering.torque",
+})  # fmt: skip
+"""Families that may have one value for a while in a moving car: nobody brakes, or a receiver holds what it has."""
+
 STANDARD: tuple[str, ...] = tuple(name for name, channel in CHANNELS.items() if not channel.optional)
 """Names of the channels that the paper's instruments measure."""
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.daq.channels import CHANNELS, Channel
+from lacet.daq.channels import CHANNELS, MAY_REST, Channel
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run, Signal
 from lacet.identify.multibody.vectors import Array
@@ -36,6 +36,9 @@ _KIN: Mapping[str, Sequence[str]] = {
     "wheel.moment": ("wheel.force",),
     "laser.hub": ("wheel.force",),
     "laser.ground": ("wheel.force",),
+    "steering.angle": ("imu.rate", "camera.steer"),
+    "car.yaw_rate": ("wheel.force",),
+    "car.lateral_accel": ("wheel.force",),
 }
 """Family → families that move when it does, beside itself."""
 
@@ -69,12 +72,12 @@ def resting_stretches(run: Run, rig: Rig) -> list[tuple[StandStill, dict[str, ND
     Those whose stretches begin and end within one sample of each other are one entry: a logger, or one wire.
 
     A stretch of m equal values among n is chance where n p^m is not small, p the part of equal neighbours in the rest
-    of the column: a coarse or a held value repeats itself all the time. Optional channels (brakes) may rest.
+    of the column: a coarse or a held value repeats itself all the time. Some channels (brakes) may rest.
     """
     found: list[tuple[StandStill, dict[str, NDArray[np.bool_]]]] = []
     for name, signal in run.signals.items():
         channel = CHANNELS[name]
-        if channel.optional or np.count_nonzero(signal.usable) < LEAST:
+        if channel.family in MAY_REST or np.count_nonzero(signal.usable) < LEAST:
             continue
         t, values = signal.t[signal.usable], signal.values[signal.usable]
         for column, series in zip(channel.columns, values.T, strict=True):

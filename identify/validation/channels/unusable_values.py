@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.blocks import Flag
-from lacet.daq.channels import CHANNELS, COLUMNS
+from lacet.daq.channels import CHANNELS, COLUMNS, MAY_REST
 from lacet.daq.rig import Rig
 from lacet.daq.run import ChosenSignals, Run, Signal
 from lacet.daq.stuck import LEARNED, STUCK_SECONDS, TWINS, is_noisy, moves, noise_count, window_length
@@ -121,10 +121,10 @@ def _flagged(run: Run, masks: Mapping[str, NDArray[np.bool_]], flag: Flag) -> Ru
 
 
 def _columns(run: Run) -> Iterator[tuple[str, str, Signal, NDArray[np.intp], Array]]:
-    """Channel, column, signal, indices of its usable samples and their values; optional channels (brakes) may rest."""
+    """Channel, column, signal, indices of its usable samples and their values; some channels (brakes) may rest."""
     for name, signal in run.signals.items():
         good = np.flatnonzero(signal.usable)
-        if not CHANNELS[name].optional and good.size >= LEAST:
+        if CHANNELS[name].family not in MAY_REST and good.size >= LEAST:
             for column, series in zip(CHANNELS[name].columns, signal.values[good].T, strict=True):
                 yield name, column, signal, good, series
 

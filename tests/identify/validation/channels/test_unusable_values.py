@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -225,6 +226,23 @@ def test_every_stuck_stretch_is_flagged() -> None:
     assert isinstance(found, StandStill)
     assert found.more == 1
     np.testing.assert_array_equal(flagged(mended, column, Flag.STUCK), still)
+
+
+def test_a_frozen_steering_angle_is_flagged_and_a_brake_may_rest() -> None:
+    """Optional channels, too: a rack that is read has noise, whatever is steered; nobody brakes for minutes."""
+    run, rng = piece("sine", 2.0, 22.0), np.random.default_rng(2)
+    steer = run.signals["camera.fl.steer"]
+    angle = 15.0 * steer.values + 0.002 * rng.standard_normal(steer.values.shape)
+    frozen = (steer.t > steer.t[0] + 6.0) & (steer.t < steer.t[0] + 9.0)
+    angle[frozen] = angle[frozen][0]
+    pressure = np.where(steer.t[:, None] < steer.t[0] + 12.0, 0.0, 1e5 + 1e3 * rng.standard_normal(angle.shape))
+    more = {"steering.angle": replace(steer, values=angle), "brake.pressure": replace(steer, values=pressure)}
+    sound, found = without_unusable(replace(run, signals={**run.signals, **more}), RIG)
+    (one,) = found
+    assert isinstance(one, StandStill)
+    assert list(one.values) == ["steering.angle"]
+    np.testing.assert_array_equal(flagged(sound, "steering.angle", Flag.STUCK), frozen)
+    assert sound.signals["brake.pressure"].usable.all()
 
 
 def test_a_column_without_noise_is_said_and_used() -> None:
