@@ -28,6 +28,7 @@ from lacet.services.render.known_beforehand import beforehand_table
 from lacet.services.render.known_scale import weak_scale
 from lacet.services.render.little_shown import little_shown_lines
 from lacet.services.render.row_sources import assumptions_table, sources_table
+from lacet.services.render.tyre_differences import difference_text
 from lacet.services.timing.usual import stretch
 from lacet.services.workspace.loading import default_filters, load
 from lacet.services.workspace.report import write_pictures
@@ -171,7 +172,8 @@ def run(args: argparse.Namespace) -> int:
         print("\n" + tables.rows(result["rows"]["used"]))
     if result["bad_seconds"]:
         print("\n" + tables.bad_seconds(result))
-    for warning in (*loaded.said, *filter(None, [implausible_text(result), weak_scale(result)])):
+    doubts = [implausible_text(result), weak_scale(result), difference_text(result)]
+    for warning in (*loaded.said, *filter(None, doubts)):
         print(f"! {warning}")
     for file in pictures:
         print(f"picture: {file}")

@@ -18,9 +18,7 @@ def beforehand_table(apriori: Mapping[str, Quantity], result: Mapping[str, Any])
     """
     hub = result["wheel_reference"] == "hub"
     whole = {w["name"]: w for w in result["whole_vehicle"] or ()}
-    found = {p["name"]: p for p in result["parameters"]} | {
-        name: w for name, w in whole.items() if w["identifiable"]
-    }
+    found = {p["name"]: p for p in result["parameters"]} | {name: w for name, w in whole.items() if w["identifiable"]}
     rows = [
         [
             name, known.source, to_interval(known.value, found[name]["half95_sheet"]),

@@ -25,6 +25,7 @@ from lacet.identify.validation.parameter_estimates import Estimate, estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.row_sources import row_sources
 from lacet.identify.validation.score import Comparison, RowScore, pooled_ratio, row_ratios
+from lacet.identify.validation.tyre_differences import tyre_difference
 from lacet.services.render.candidate_reasons import open_because, short_reason, why
 from lacet.services.render.consistency_report import body_fault_words, consistency_words
 from lacet.services.render.identifiability import not_derived, open_parameters, rows_not_judged, unidentified
@@ -33,6 +34,7 @@ from lacet.services.render.known_scale import scale_result
 from lacet.services.render.little_shown import little_shown_result
 from lacet.services.render.row_sources import sources_result
 from lacet.services.render.rows import colour_words, row_absence
+from lacet.services.render.tyre_differences import difference_result
 from lacet.services.render.verdicts import says
 from lacet.services.workspace.loading import Loaded
 from lacet.services.workspace.study import Study
@@ -89,6 +91,7 @@ def fit_result(
             "row_sources": sources_result(row_sources(fitted)),
             "known_scale": scale_result(known_scale(fitted, found)),
             "implausible": implausible_result(implausible_values(fitted, found)),
+            "tyre_difference": difference_result(tyre_difference(fitted, used)),
             **little_shown_result(little_shown(fitted.runs, used)),
             "bad_seconds": [asdict(bad) for bad in fitted.bad_seconds()],
             "base_rank": fitted.base.rank,
