@@ -1,7 +1,7 @@
 """Tyres that differ between runs.
 
-Where tyre rows fail in all runs although each run alone fulfils them, the tyres are not the same. The stiffnesses of
-all wheels are freed in each run, all other parameters staying common (Chow, Econometrica 28, 1960): what that takes off
+Where tyre rows fail in all runs although each run alone fulfils them, the tyres are not the same. Each run gets
+stiffnesses of its own at all wheels, all other parameters staying common (Chow, Econometrica 28, 1960): what that takes off
 is compared with what the rows are above their noise floor. Springs and dampers are not tried: a missing anti-roll bar
 is another spring in each run, too, and so is a law that bends.
 """
@@ -55,7 +55,7 @@ def tyre_difference(fitted: Fit, scores: Sequence[Comparison]) -> TyreDifference
     excess, places = _excess(fitted, scores), _places(fitted)
     if excess <= 0.0 or not places.size:
         return None
-    fall, each = _freed(normals, total, x, places)
+    fall, each = _of_each_run(normals, total, x, places)
     parameters = {q.name: q for effect in fitted.model.physics for q in effect.parameters}
     own = [parameters[fitted.model.names[int(fitted.place[k])]] for k in places]
     possible = all(q.low <= value <= q.high for q, values in zip(own, each.T, strict=True) for value in values)
@@ -84,7 +84,7 @@ def _excess(fitted: Fit, scores: Sequence[Comparison]) -> float:
     )
 
 
-def _freed(
+def _of_each_run(
     normals: Sequence[Array], total: Array, x: Array, places: NDArray[np.intp]
 ) -> tuple[float, Array]:  # fmt: skip
     """Fall of the weighted squares by these parameters of each run's own, and their values in each run (runs, k).
