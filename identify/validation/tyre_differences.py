@@ -1,9 +1,9 @@
 """Tyres that differ between runs.
 
 Where tyre rows fail in all runs although each run alone fulfils them, the tyres are not the same. Each run gets
-stiffnesses of its own at all wheels, all other parameters staying common (Chow, Econometrica 28, 1960): what that takes off
-is compared with what the rows are above their noise floor. Springs and dampers are not tried: a missing anti-roll bar
-is another spring in each run, too, and so is a law that bends.
+stiffnesses of its own at all wheels, all other parameters staying common (Chow, Econometrica 28, 1960): what that takes
+off is compared with what the rows are above their noise floor. Springs and dampers are not tried: a missing anti-roll
+bar is another spring in each run, too, and so is a law that bends.
 """
 
 from __future__ import annotations
