@@ -396,7 +396,25 @@ def _nothing(d: Diagnosis) -> str:
             f" For that the sensor sheet would have to be off by more than {SELECTION.reported_tolerances:g} of its "
             f"tolerances ({off}): look at these instruments (lacet check measures latencies)."
         )
+        text += or_a_length(d.grounds.tolerances.sizes)
     return text
+
+
+def or_a_length(sizes: Mapping[str, float]) -> str:
+    """Lengths of the vehicle file that do what another place of the inertial unit does; empty where none may."""
+    far = [
+        axis for axis in _LENGTHS if abs(sizes.get(f"sensor_position.imu.{axis}", 0.0)) > SELECTION.reported_tolerances
+    ]
+    if not far:
+        return ""
+    return (
+        f" A wrong {' or '.join(_LENGTHS[axis] for axis in far)} in the vehicle file does what another place of the "
+        "inertial unit does: measure both."
+    )
+
+
+_LENGTHS = {"x": "wheelbase", "y": "track", "z": "wheel-centre height"}
+"""Axis of the inertial unit's place → length of the car that the forces' levers are made of."""
 
 
 def _by_tolerances(d: Diagnosis) -> str:
