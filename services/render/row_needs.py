@@ -119,7 +119,10 @@ def no_rows(left_out: Mapping[Row, RowAbsence]) -> str:
     whole = [item for item in left_out.items() if item[0] == _VERTICAL and item[1].cause is Absence.CHANNELS]
     scale = [item for item in left_out.items() if item[1].cause is Absence.NO_KNOWN_LOAD]
     ways = [wrapped(f"{row}: {to_add(row, why)}", 4) for row, why in dict.fromkeys([fewest, *whole, *scale[:1]])]
-    return "\n  or ".join(ways) + "\n  (lacet info --rows lists what each row needs)"
+    return (
+        "\n  or ".join(ways) + "\n  (lacet info --rows lists what each row needs; logs of one drive become one run by "
+        "lacet import A B --map MAP -o RUN.mcap)"
+    )
 
 
 def _with_alternatives(row: Row, channels: Sequence[str]) -> list[str]:

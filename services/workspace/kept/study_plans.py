@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from lacet.identify.progress import Stage
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS
+from lacet.identify.validation.score import fails, worst_row
 from lacet.services.progress import AnyStage, ServiceStage, Stretch
 from lacet.services.timing.usual import PLANNED_RUNS, stretch
 from lacet.services.workspace.kept.kept_values import KeptValues
@@ -107,8 +108,8 @@ class StudyPlan:
                     self._floor(version)
                     for stage in _RANKING:
                         self._add(stage, self._used)
-                    for stage in (*_ROUND, *_FINDING):
-                        self.stretches.append(stretch(stage, self._used, likely=SELDOM))
+                    for stage, likely in _FOUND if _fails(version) else _NOT_FOUND:
+                        self.stretches.append(stretch(stage, self._used, likely=likely))
 
     def _compared(self, version: Version) -> None:
         for held in (False, True):
@@ -148,6 +149,12 @@ class StudyPlan:
         self.stretches.append(stretch(stage, parts, subject))
 
 
+def _fails(version: Version) -> bool:
+    """Whether rows of a version fail in the runs used; False for one of which nothing is known."""
+    scores = version.result.get("rows", {}).get("used", {})
+    return fails(worst_row(scores)[1])
+
+
 _WHERE = (
     Stage.STATES_FOLLOWED, Stage.RESIDUAL_SPECTRA, Stage.STATES_FOLLOWED, Stage.EXPLAINABLE_RESIDUAL,
     Stage.RESTORING_FORCES,
@@ -157,6 +164,17 @@ _RANKING = (Stage.SENSOR_TOLERANCES, *_TESTS)
 _REFIT = (Stage.FLOOR_BESIDE_EFFECT, *_TESTS)
 _ROUND = (Stage.FORWARD_SELECTION, Stage.FIT_WITH_EFFECTS, *_REFIT)
 _FINDING = (Stage.LACK_OF_FIT, Stage.PARAMETER_CONSTANCY)
+_NOT_FOUND = tuple((stage, SELDOM) for stage in (*_ROUND, *_FINDING))
+_FOUND = (
+    # The first search goes through more steps, and tries more constants, than those beside what it found.
+    (Stage.FORWARD_SELECTION, 4.0), *((stage, 1.0) for stage in (Stage.FIT_WITH_EFFECTS, *_REFIT)),
+    (Stage.FORWARD_SELECTION, 3.0), *((stage, 1.0) for stage in (Stage.FIT_WITH_EFFECTS, *_REFIT)),
+    (Stage.FORWARD_SELECTION, 1.0), *((stage, SELDOM) for stage in (
+        Stage.RELINEARISATION, Stage.FLOOR_AT_LATENCIES, *_TESTS, Stage.FLOOR_AT_TOLERANCES, *_TESTS)),
+    (Stage.LACK_OF_FIT, 1.0), (Stage.PARAMETER_CONSTANCY, 3.0), (Stage.ENCOMPASSING, 1.0),
+)  # fmt: skip
+"""Stages of a ranking after its first tests, and the part of their usual time that is planned for: where nothing fails,
+and where rows do, so that several effects may be found (of two studies that lacked three and five)."""
 _FURTHER: Mapping[AnyStage, tuple[AnyStage, ...]] = {
     Stage.FORWARD_SELECTION: (Stage.FIT_WITH_EFFECTS, *_REFIT),
     Stage.FIT_WITH_EFFECTS: _REFIT,
