@@ -85,19 +85,27 @@ class ParameterConstancy:
         pairs = itertools.combinations(self.values, 2)
         return max(((k, a, b) for a, b in pairs for k in range(len(self.values[a]))), key=off)
 
-    def differ_by_more_than(self, share: float) -> bool:
-        """Whether runs differ by more than chance, and by this share of what the law explains.
+    def is_rejected(self, laws: int) -> bool:
+        """Whether runs differ by more than chance, of so many laws tested: family-wise, by Bonferroni.
+
+        With few simulated runs p has its least possible value.
+        """
+        return self.p <= max(SELECTION.failing_chance / laws, 1.0 / (1 + self.null.size))
+
+    def differ_by_more_than(self, share: float, laws: int = 1) -> bool:
+        """Whether runs differ by more than chance (`is_rejected`), and by this share of what the law explains.
 
         Beside nuisance parameters that runs have in common, what the law explains itself may be little while its
         differences between runs are seen well. These are compared with what differences as large as the law would be.
         """
         by_chance = float(np.mean(self.null))
         explained = max(self.common, self.apart)
-        return self.p <= SELECTION.failing_chance and self.further - by_chance > share * explained
+        return self.is_rejected(laws) and self.further - by_chance > share * explained
 
-    def fails_in_a_run(self, share: float) -> bool:
-        """Whether runs differ by more than chance, and any run's misfit is more than this share of the law in it."""
-        return self.p <= SELECTION.failing_chance and max(self.misfits.values()) > share
+    def fails_in_a_run(self, share: float, laws: int = 1) -> bool:
+        """Whether runs differ by more than chance (`is_rejected`), and any run's misfit is more than this share of the
+        law in it."""
+        return self.is_rejected(laws) and max(self.misfits.values()) > share
 
 
 def chow_test(space: ScoreTests, c: Candidate, others: Sequence[Candidate] = ()) -> ParameterConstancy | None:

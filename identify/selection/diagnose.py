@@ -369,8 +369,8 @@ def _not_constant(
             else:
                 runs = chow_test(joint.first, c, [other for other in standing if other.key != c.key])
             if runs is not None and (
-                runs.differ_by_more_than(SELECTION.inconstant_share)
-                or (c.key in doubted and runs.fails_in_a_run(SELECTION.selected_inexactness**2))
+                runs.differ_by_more_than(SELECTION.inconstant_share, len(standing))
+                or (c.key in doubted and runs.fails_in_a_run(SELECTION.selected_inexactness**2, len(standing)))
             ):
                 rejected[c.key] = runs
         if not rejected:

@@ -256,7 +256,7 @@ def _turning(run: PreparedRun) -> Iterator[Doubt]:
         if alike < -_ALIKE:
             yield Doubt(Symptom.ATTITUDE_SIGN, (angle, axis), in_body_axes=turned_round)
         elif alike > _ALIKE and not _near(slope):
-            guess = _guess(slope, {1 / _DEGREE: "degrees, or the rate in rad/s as if in °/s", _DEGREE: "°/s"})
+            guess = _guess(slope, {1 / _DEGREE: "degrees", _DEGREE: "°/s"})
             yield Doubt(Symptom.ATTITUDE_SIZE, (angle, axis), slope, guess=guess)
 
 

@@ -44,7 +44,8 @@ def sentence(doubt: Doubt) -> str:
             return "imu.attitude roll turns as imu.rate y says, and pitch as imu.rate x: roll and pitch are exchanged"
         case Symptom.ATTITUDE_SIZE:
             angle, axis = doubt.subject
-            return f"imu.attitude {angle} turns {value:.3g} times as fast as imu.rate {axis} says{_unit(doubt)}"
+            unit = _unit(doubt).replace("degrees?", "degrees, or the rate in rad/s as if in °/s?")
+            return f"imu.attitude {angle} turns {value:.3g} times as fast as imu.rate {axis} says{unit}"
         case _:
             return _compared(doubt)
 
