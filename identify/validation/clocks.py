@@ -35,9 +35,6 @@ nearly alike at many lags."""
 _REVERSED = -0.5
 """Correlation without lag below which the sign may be the other one: a periodic motion is then alike half a period
 away."""
-_LEAST_DRIFT = 0.1
-"""Least change of the lag over a run for a clock of another rate [s]: half of `_LEAST`, the largest that the best
-constant lag leaves then."""
 _FASTEST = 0.05
 """Largest difference of two clocks' rates that is looked at [s/s]."""
 _WINDOW, _MOST_WINDOWS = 1.0, 40
@@ -117,8 +114,7 @@ def _changing(axes: Sequence[_Windows], other: str, begin: float) -> ClockDiffer
         if 1.0 - constant < _LESS * (1.0 - one.most_alike):
             continue
         lag, drift, alike = one.drifting()
-        if abs(drift) * seconds >= _LEAST_DRIFT:
-            found.append((constant, ClockDifference("", "", lag, alike, drift, seconds=seconds)))
+        found.append((constant, ClockDifference("", "", lag, alike, drift, seconds=seconds)))
         lag, since, later, alike = one.jumping()
         if abs(later - lag) >= _LEAST:
             found.append((constant, ClockDifference("", "", lag, alike, jump=(begin + since, later), seconds=seconds)))

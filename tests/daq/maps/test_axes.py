@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lacet.daq.channels import CHANNELS
-from lacet.daq.maps.axes import DISAGREEING, SAME_INSTRUMENT, by_others, turns
+from lacet.daq.maps.axes import DISAGREEING, SAME_INSTRUMENT, by_others, of_one_kind, turns
 from lacet.daq.maps.guess import ACCEPTED, Guess, guess
 from lacet.daq.run import Run
 from lacet.daq.sources.shares import SharedSource, Stored
@@ -85,3 +85,13 @@ def test_rear_steer_has_the_sign_of_front_steer_of_the_same_name() -> None:
     names = {"camera.fl.steer": "Lenkwinkel_VL", "camera.fr.steer": "Lenkwinkel_VR", "camera.rl.steer": "Lenkwinkel_HL"}
     assert by_others("camera.rl.steer", front, names) == (-1, SAME_INSTRUMENT)
     assert by_others("camera.rl.steer", front, names | {"camera.rl.steer": "Spur_HL"}) != (-1, SAME_INSTRUMENT)
+
+
+def test_travels_with_names_of_one_pattern_have_one_sign() -> None:
+    """Those that nothing shows that of the others; a name of another pattern is another sensor."""
+    seen = {"damper.fl.travel": (-1, 0.99), "damper.fr.travel": (-1, 0.9), "damper.rl.travel": (1, 0.7)}
+    names = {f"damper.{c}.travel": f"Pot_{c.upper()}" for c in ("fl", "fr", "rl")} | {"damper.rr.travel": "Stroke RR"}
+    found = of_one_kind(seen | {"imu.rate.z": (1, 0.6)}, names | {"imu.rate.z": "GyroZ"})
+    assert [found[f"damper.{c}.travel"] for c in ("fl", "fr", "rl")] == [(-1, pytest.approx(0.99, abs=0.01))] * 3
+    assert found["damper.rr.travel"][1] == pytest.approx(0.5)
+    assert found["imu.rate.z"] == (1, 0.6)

@@ -338,6 +338,18 @@ def test_a_state_that_is_not_measured_is_named(motion: Motion) -> None:
     assert rear.lacks(combined) == ()
 
 
+def test_a_load_is_there_where_the_angles_of_its_wheel_follow_from_others() -> None:
+    """From steering and travels: their errors turn a load in the second order. A load that is derived is none."""
+    motion = build_motion(cars.recording(cars.random_signals(4), VEHICLE, RIG))
+    (law,) = effect_class(read_line("pull = suspension.fl: p * travel * fx")).variants(VEHICLE, "hub")
+    cameras = {name for name in motion.channels if name.startswith("camera.")}
+    without = replace(motion, channels=motion.channels - cameras)
+    assert set(law.lacks(without)) == {"camera.fl.steer", "camera.fl.camber"}
+    assert law.lacks(replace(without, derived=frozenset(cameras))) == ()
+    nominal = replace(motion, channels=motion.channels - {"wheel.fl.force"}, derived=frozenset({"wheel.fl.force"}))
+    assert law.lacks(nominal) == ("wheel.fl.force",)
+
+
 def test_a_law_without_a_finite_value_names_time_and_state(motion: Motion) -> None:
     """Where, when and at which values of the states."""
     effect = variants("x = suspension.fl: p * log(travel/1 m)")["x.fl"]

@@ -208,6 +208,7 @@ def with_hysteresis(seconds: float) -> tuple[Recording, PreparedRun]:
 def test_friction_with_memory_follows_the_travel_expected_given_the_record() -> None:
     """And not the path of the noise, which would turn it round: it is nearer to what acts in the car."""
     exactly, run = with_hysteresis(30.0)
+    assert run.expects(DAHL)  # so that noise counts in what follows it alone
     true, motion = PreparedRun(exactly).motion, run.motion
     for c in ("fl", "fr"):
         corner = motion.corners[c]

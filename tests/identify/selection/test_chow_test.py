@@ -388,3 +388,19 @@ def test_one_run_cannot_tell() -> None:
     space = ScoreTests.of(Linearisation.of(fitted, floor_of(fitted, DRAWS)), TRIED, 0)
     found = {c.key: c for c in space.try_all()}
     assert chow_test(space, found[CUBIC.key]) is None
+
+
+def test_of_several_laws_one_differs_by_chance_more_often() -> None:
+    """Bonferroni over the laws tested; of few simulated runs the least p there is counts for any number."""
+    values, nothing = {"a": np.ones(1), "b": np.ones(1)}, np.zeros((2, 1, 2, 1))
+
+    def tested(draws: int, larger: int) -> ParameterConstancy:
+        null = np.where(np.arange(draws) < larger, 2.0, 0.0)
+        return ParameterConstancy(values, nothing, 1.0, 1.0, 1.0, null, {"a": 1.0, "b": 0.0})
+
+    assert tested(199, 2).p == pytest.approx(0.015)
+    assert [tested(199, 2).is_rejected(laws) for laws in (1, 3, 4)] == [True, True, False]
+    assert [tested(199, 2).fails_in_a_run(0.5, laws) for laws in (3, 4)] == [True, False]
+    assert [tested(199, 2).differ_by_more_than(0.1, laws) for laws in (3, 4)] == [True, False]
+    assert tested(39, 0).is_rejected(20)
+    assert not tested(39, 1).is_rejected(20)

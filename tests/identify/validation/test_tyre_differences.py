@@ -13,7 +13,7 @@ from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
-from lacet.identify.validation.score import compare
+from lacet.identify.validation.score import FAILS, compare
 from lacet.identify.validation.tyre_differences import EXPLAINS, tyre_difference
 from lacet.services.render.tyre_differences import difference_result, difference_text
 from tests.identify import cars
@@ -67,4 +67,7 @@ def test_nothing_is_said_of_runs_of_one_car_nor_of_one_run() -> None:
 
 def test_a_missing_effect_and_a_few_percent_of_pressure_are_no_other_tyres() -> None:
     assert found(fitted(1.0, ())) is None
-    assert found(fitted(1.05)) is None
+    assert found(fitted(1.25, ())) is None  # most is the missing bars'
+    little = fitted(1.08)
+    assert max(score.ratio for run in little.runs for score in compare(little, run).scores.values()) > FAILS
+    assert found(little) is None
