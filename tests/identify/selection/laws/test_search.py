@@ -9,6 +9,7 @@ from lacet.identify.car.rows import Row
 from lacet.identify.effects.language.compiled import OneLine, one_line_effects
 from lacet.identify.effects.language.parser import read_line
 from lacet.identify.selection.columns.linearisation import Linearisation
+from lacet.identify.selection.laws import formulas
 from lacet.identify.selection.laws.formulas import Formula, propose
 from lacet.identify.selection.laws.grammar import pool
 from lacet.identify.selection.laws.held_out import squares_in_held_blocks
@@ -40,6 +41,24 @@ def test_a_law_with_memory_is_found_at_its_place(floor: NoiseFloor) -> None:
     assert first.law in first.front
     assert [law.explained for law in first.front] == sorted(law.explained for law in first.front)
     assert read_line(first.text).rows[0].named == "suspension.front"
+
+
+def test_a_law_that_makes_the_error_larger_where_it_was_not_fitted_describes_nothing(
+    floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those that remain of a front are the ones that explain at least what a candidate must."""
+    whole = formulas._explained
+
+    def worse(scores: ScoreTests) -> dict[str, float]:
+        found = whole(scores)
+        most = max(found.values())
+        return {key: value if value == most else -0.64 for key, value in found.items()}
+
+    monkeypatch.setattr(formulas, "_explained", worse)
+    _, (first, *_) = found_for("abs(travel)*rate", 60000.0, floor)
+    assert first.front == (first.law,)
+    monkeypatch.setattr(formulas, "_explained", lambda scores: dict.fromkeys(whole(scores), -0.64))
+    assert found_for("abs(travel)*rate", 60000.0, floor)[1] == []
 
 
 def test_a_law_of_the_catalogue_has_its_name(space: ScoreTests) -> None:
