@@ -13,8 +13,16 @@ from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import Row
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.validation.channels.fault_columns import FaultColumns
-from lacet.identify.validation.channels.single_faults import AboutContact, ColumnFault, Fault, Suspects, column_faults
+from lacet.identify.validation.channels.fault_columns import FaultColumns, FaultEstimate
+from lacet.identify.validation.channels.single_faults import (
+    AboutContact,
+    ColumnFault,
+    Fault,
+    Misplaced,
+    Suspects,
+    _wrong_scale,
+    column_faults,
+)
 from lacet.services.render.channels import from_equations
 from lacet.simulate import exchange_run, make_manoeuvre
 from lacet.simulate import run as simulate_drive
@@ -192,3 +200,20 @@ def test_products_of_runs_add_up() -> None:
     assert both.block_count == one.block_count + other.block_count
     assert both.count == one.count + other.count
     assert both.misfit >= (one.misfit * one.count + other.misfit * other.count) / both.count
+
+
+@pytest.mark.parametrize(("scale", "fall", "sign"), [(-3.3, 0.6, False), (-3.3, 2.2, True), (-1.05, 0.3, True)])
+def test_a_column_that_should_be_reversed_and_far_larger_stands_in_for_another_fault(
+    scale: float, fall: float, sign: bool
+) -> None:
+    """Unless that explains nearly all: a unit 0.4 m off its place wanted one wheel's force -3.3 times."""
+    misfit = 3.4  # so that 2.4 are above the floor
+    one = FaultEstimate("wheel.fr.force.x", scale, 0.1, 0.0, 1.0, fall, 0.0, 0.01, 0.01)
+    found = _wrong_scale(one, misfit, 0.5)
+    assert (found is not None and found[0] is Fault.SIGN) == sign
+
+
+def test_where_most_remains_a_length_may_be_wrong_and_not_the_place_of_the_unit() -> None:
+    place = {"runs": {"rough": (0.0, 20.0)}, "off": {"x": 0.218}, "half": {"x": 0.027}}
+    assert "a length may be wrong in its place" in from_equations(Misplaced(misfit=4.34, remaining=4.19, **place))
+    assert "measure it again" in from_equations(Misplaced(misfit=4.34, remaining=1.2, **place))
