@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -138,6 +138,8 @@ def run(args: argparse.Namespace) -> int:
         found = steps[-1].found
     result = campaign_result(found, cluster, steps)
     _print(result, args.most)
+    if payload is not None and (note := payload_note(result)):
+        print(f"! {note}")
     for step in result["diagnose"]["steps"] if steps else []:
         print()
         print_diagnosis(step, args.most, False)
@@ -177,6 +179,17 @@ def _listed(file: Path | None) -> list[str]:
         raise UsageError(f"{file}: no such list of runs")
     lines = (line.strip() for line in file.read_text(encoding="utf-8").splitlines())
     return [line for line in lines if line and not line.startswith("#")]
+
+
+def payload_note(result: Mapping[str, Any]) -> str:
+    """Why a campaign with a payload in each run does not know the car's mass; an empty string where it does."""
+    whole = {one["name"]: one for one in result["whole_vehicle"] or ()}
+    if not whole or whole["mass"]["identifiable"]:
+        return ""
+    return (
+        "each run has a payload of its own (--payload): the car's mass and the mean of these are one sum. Leave "
+        "--payload out where runs have one load; lacet diagnose names the payload of a single run"
+    )
 
 
 def _print(result: dict[str, Any], most: int) -> None:

@@ -23,6 +23,7 @@ from lacet.services.campaign.fitting import Campaign, CampaignFit, fit_campaign
 from lacet.services.campaign.results import campaign_result
 from lacet.services.campaign.run_reference import Settings
 from lacet.services.commands.__main__ import main
+from lacet.services.commands.campaign import payload_note
 from lacet.services.one_thread import one_thread
 from lacet.services.progress import AnyStep, ServiceStage
 from lacet.services.workspace.loading import load
@@ -162,3 +163,10 @@ def test_without_dask_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(UsageError, match=r"lacet\[campaign\]"), connected(None, 1):
         pass
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_payload_in_each_run_hides_the_car_s_mass_and_that_is_said(known: bool) -> None:
+    note = payload_note({"whole_vehicle": [{"name": "mass", "identifiable": known}]})
+    assert note.startswith("each run has a payload of its own (--payload)") != known
+    assert payload_note({"whole_vehicle": None}) == ""
