@@ -284,12 +284,13 @@ def test_no_sample_is_lost_between_pieces_with_a_delay_or_a_drift(
     assert not run.problems
 
 
-def test_a_clock_that_runs_fast_is_put_right(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["B", "late"])
+def test_a_clock_that_runs_fast_is_put_right(tmp_path: Path, name: str) -> None:
     """Two logs of one drive; the clock of the second gains 1 % and began 0.4 s late, as the map says."""
     one = table(tmp_path / "a.csv", t=T, A=np.sin(T))
     other = table(tmp_path / "b.csv", t=1.01 * T + 0.4, B=np.cos(T))
-    said = '"?" = "m"\nB = { unit = "m", delay = "0.4 s", drift = "10 ms/s" }'
-    text = f'[sources]\n{said}\n[channels]\n"suspension.fl.travel" = "A"\n"suspension.fr.travel" = "B"'
+    said = 'A = "m"\nlate = { name = "B" }\nB = { unit = "m", delay = "0.4 s", drift = "10 ms/s" }'
+    text = f'[sources]\n{said}\n[channels]\n"suspension.fl.travel" = "A"\n"suspension.fr.travel" = "{name}"'
     run = mapped_run([one, other], ChannelMap.parse(HEAD + text))
     signal = run.signals["suspension.fr.travel"]
     np.testing.assert_allclose(signal.values[:, 0], np.cos(signal.t), atol=1e-6)
