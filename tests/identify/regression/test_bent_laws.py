@@ -10,7 +10,7 @@ import pytest
 
 from lacet.identify.car.motion import Motion
 from lacet.identify.car.rows import Row
-from lacet.identify.effects.base import Bend, SuspensionForce, expected_columns, in_turn
+from lacet.identify.effects.base import Bend, PhysicalEffect, SuspensionForce, expected_columns, in_turn
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
@@ -25,15 +25,16 @@ FRICTION = 45.0
 LAW = replace(exact.KNOWN["coulomb.front"], shape={"v0": 0.002})
 
 
-def calm(seconds: float) -> Recording:
-    """A drive with travel rates of some 20 mm/s, of a car that has friction with a band of 2 mm/s; no noise."""
+def calm(seconds: float, law: PhysicalEffect = LAW, size: float = FRICTION) -> Recording:
+    """A drive with travel rates of some 20 mm/s, of a car that has friction, by default with a band of 2 mm/s; no
+    noise."""
     curves = cars.drive_curves(np.random.default_rng(1))
     for name, curve in curves.items():
         if name.endswith("hub"):
             curve.a = 0.15 * curve.a
     t = np.arange(round(seconds * cars.RATE)) / cars.RATE
     record = cars.recording(cars.exact_signals(curves, t), exact.VEHICLE, exact.RIG, Filters())
-    return cars.fulfil(record, (*exact.MODEL.effects, LAW), np.append(exact.theta(), FRICTION))
+    return cars.fulfil(record, (*exact.MODEL.effects, law), np.append(exact.theta(), size))
 
 
 def measured(record: Recording, seed: int) -> PreparedRun:
@@ -191,23 +192,13 @@ def test_the_noise_floor_of_friction_holds_motion_that_the_pre_filter_stopped() 
 
 
 DAHL = replace(exact.KNOWN["damper_hysteresis.front"], shape={"length": 0.004})
-
-
-def with_hysteresis(seconds: float) -> tuple[Recording, PreparedRun]:
-    """A calm drive of a car with 260 N of friction that turns round over 4 mm, without noise; and with the sheet's."""
-    curves = cars.drive_curves(np.random.default_rng(2))
-    for name, curve in curves.items():
-        if name.endswith("hub"):
-            curve.a = 0.15 * curve.a
-    t = np.arange(round(seconds * cars.RATE)) / cars.RATE
-    record = cars.recording(cars.exact_signals(curves, t), exact.VEHICLE, exact.RIG, Filters())
-    record = cars.fulfil(record, (*exact.MODEL.effects, DAHL), np.append(exact.theta(), 260.0))
-    return record, measured(record, 3)
+"""Friction that turns round over 4 mm."""
 
 
 def test_friction_with_memory_follows_the_travel_expected_given_the_record() -> None:
     """And not the path of the noise, which would turn it round: it is nearer to what acts in the car."""
-    exactly, run = with_hysteresis(30.0)
+    exactly = calm(30.0, DAHL, 260.0)
+    run = measured(exactly, 3)
     assert run.expects(DAHL)  # so that noise counts in what follows it alone
     true, motion = PreparedRun(exactly).motion, run.motion
     for c in ("fl", "fr"):
@@ -221,7 +212,7 @@ def test_friction_with_memory_follows_the_travel_expected_given_the_record() -> 
 
 def test_the_noise_floor_holds_what_noise_of_the_travel_does_to_friction_with_memory() -> None:
     """The residual of the true parameters is as large as the floor, in the rows with friction and the others."""
-    _, run = with_hysteresis(40.0)
+    run = measured(calm(40.0, DAHL, 260.0), 3)
     physics, values = (exact.MODEL + DAHL).physics, np.append(exact.theta(), 260.0)
     sensitivity = Sensitivity.of(run.recording, physics, values)
     draws = [run.decimated(drawn) for drawn in _each(sensitivity, 12)]
