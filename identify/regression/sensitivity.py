@@ -289,7 +289,8 @@ class Sensitivity:
         if not self.recording.laws:
             return self.on(recording)
         active = [e for e in effects if _enters(e)]
-        own = AssumedSlopes(recording, active, _active_values(effects, values), self.of_assumed)
+        motion = self.of_assumed.motion or self.of_assumed
+        own = AssumedSlopes(recording, active, _active_values(effects, values), motion)
         return replace(self, recording=recording, of_assumed=own)
 
     def uncached(self) -> Sensitivity:
