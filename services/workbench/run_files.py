@@ -221,6 +221,8 @@ def _unreadable(path: Path, says: list[str]) -> dict[str, Any]:
 def summary(path: Path, kept: RunChannels) -> dict[str, Any]:
     """Contents of a run's file, in an engineer's words; the overview of its channels is `kept`."""
     losses = 0
+    if not path.exists():
+        return _unreadable(path, ["there is no such file: put it back, or open the study in the folder of its runs"])
     try:
         if path.suffix.lower() == ".mcap" and is_own(path):
             log = LogReader(path)

@@ -18,6 +18,7 @@ from fastapi.testclient import TestClient
 
 from lacet.services.workbench import run_files, uploads
 from lacet.services.workbench.access_guard import POLICY, cookie_name, new_token, user_token
+from lacet.services.workbench.run_channels import RunChannels
 from lacet.services.workbench.server import Settings, create_app, serve
 from tests.services.workbench.bench_page import Page
 from tests.support.rig import make_capture
@@ -397,3 +398,10 @@ def test_a_car_s_file_of_another_name_is_told_its_name(empty: TestClient, tmp_pa
         in answer.json()["error"]
     )
     assert not any(tmp_path.rglob("pickup.toml"))
+
+
+def test_a_run_that_is_gone_is_said_to_be_and_no_log_of_another_system(tmp_path: Path):
+    for name in ("gone.mcap", "gone.csv"):
+        found = run_files.summary(tmp_path / name, RunChannels(tmp_path))
+        assert found["quality"] == "cannot be read"
+        assert found["says"] == ["there is no such file: put it back, or open the study in the folder of its runs"]
