@@ -93,7 +93,8 @@ def _study(args: argparse.Namespace, form: Form) -> int:
     if fails(ratio):
         print(
             f"! this version fails ({where}, {ratio:.2f} times its noise floor): its values may be off by more than "
-            f"their intervals say; lacet diagnose {args.source} finds what it lacks"
+            f"their intervals say. Whether an effect is missing: lacet diagnose {args.source}; when: lacet where "
+            f"{args.source}"
         )
     write_result(args.json, "export", {"output": args.output, "form": form.word, "left_out": dict(written.left_out)})
     return DONE
