@@ -40,6 +40,11 @@ def read_run(path: Path) -> Run:
     return build_run(name, reader.start, blocks, reader.damage, reader.events())
 
 
+def damage_of_raw_log(start: StartRecord) -> list[str]:
+    """Damage of the raw log that a log was decoded from, one line each."""
+    return [f"the raw log was damaged: {line}" for line in start.extra.get("damage", "").splitlines()]
+
+
 def build_run(
     name: str,
     start: StartRecord,
@@ -52,7 +57,7 @@ def build_run(
 
     `start_ns` : where its time begins [ns since the Unix epoch]; None for the earliest sample.
     """
-    problems = [*damage, *(f"the raw log was damaged: {line}" for line in start.extra.get("damage", "").splitlines())]
+    problems = [*damage, *damage_of_raw_log(start)]
     problems += start.extra.get("imported", "").splitlines()
     rig = _rig(name, start, problems)
     stamps, kept = _stamped(rig, blocks, problems)

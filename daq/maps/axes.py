@@ -19,13 +19,13 @@ SAME_LOG = 0.8
 """The same of the lateral signs of a log's other instruments. Source: a choice."""
 DISAGREEING = 0.65
 """Probability of a usual sign where the instrument's others follow no system of axes. Source: a choice."""
-
 MOST_SURE = 0.99
 """Largest probability of signs judged together: what makes one wrong may make all wrong. Source: a choice."""
 
 Sign = tuple[int, float]
 """A sign, and its certainty, 0.5 to 1."""
 UNSEEN: Sign = (1, 0.5)
+"""The sign of a column of which nothing is seen."""
 
 
 def turns(column: str) -> bool:

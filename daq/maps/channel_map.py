@@ -34,7 +34,7 @@ _TABLES = ("format", "run", "read", "sources", "channels")
 READ_KEYS = ("time", "time_unit", "rate", "separator", "decimal", "encoding", "header", "dbc")
 SOURCE_KEYS = ("name", "unit", "time", "delay", "drift")
 LARGEST_DRIFT = 0.1
-"""Drift of a clock from which on it is no clock's."""
+"""Drift from which on it is no clock's but another unit of time [s/s]. Source: a choice; loggers are below 1e-3."""
 CHANNEL_KEYS = ("from", "unit", "table", "delay")
 
 

@@ -112,7 +112,7 @@ def guess(*sources: Source) -> list[Guess]:
         found = replace(out[name], column=column, expression=expression, probability=_QUATERNION)
         claims.setdefault(column, []).append((_QUATERNION, found, Meaning(column, _QUATERNION)))
     chosen: dict[str, tuple[Guess, Meaning]] = {}
-    for column, several in ((column, several) for column, several in claims.items() if several):
+    for column, several in claims.items():
         several.sort(key=lambda claim: -claim[0])
         moving = [claim for claim in several if claim[1].low < claim[1].high]
         if moving and moving[0][0] >= _LIKELY:
@@ -131,20 +131,22 @@ def _heading_of_unit(claims: dict[str, list[tuple[float, Guess, Meaning]]]) -> N
     if "imu.attitude.yaw" in claims:
         return
     beside = [
-        {tuple(word for word in words_of(one.name)[0] if word != angle) for _, one, _ in claims.get(column, ())}
+        {_beside(one.name, angle) for _, one, _ in claims.get(column, ())}
         for column, angle in (("gnss.course", "course"), ("imu.attitude.roll", "roll"), ("imu.attitude.pitch", "pitch"))
     ]
     if common := set[tuple[str, ...]].intersection(*beside):
-        own = [c for c in claims["gnss.course"] if tuple(w for w in words_of(c[1].name)[0] if w != "course") in common]
-        claims["gnss.course"] = [c for c in claims["gnss.course"] if c not in own]
-        claims["imu.attitude.yaw"] = [
-            (
-                probability,
-                replace(one, column="imu.attitude.yaw"),
-                replace(meaning, column="imu.attitude.yaw", signed=True),
-            )
-            for probability, one, meaning in own
-        ]
+        yaw, courses = "imu.attitude.yaw", claims.pop("gnss.course")
+        for probability, one, meaning in courses:
+            if _beside(one.name, "course") in common:
+                claim = probability, replace(one, column=yaw), replace(meaning, column=yaw, signed=True)
+            else:
+                claim = probability, one, meaning
+            claims.setdefault(claim[1].column, []).append(claim)
+
+
+def _beside(name: str, word: str) -> tuple[str, ...]:
+    """The words of a name without one of them."""
+    return tuple(other for other in words_of(name)[0] if other != word)
 
 
 def map_text(guesses: Sequence[Guess], file: str, accept: bool = False) -> str:

@@ -148,12 +148,13 @@ def resolve(name: str, known: Collection[str], written: Callable[[str], str] = s
 def names_of_all(sources: Sequence[Source]) -> dict[str, tuple[int, str]]:
     """Name among several logs of one drive → index of its log, and its name there.
 
-    A name that several have is told apart by its file: ``lap.speed``.
+    A name that several have is told apart by its file, ``lap.speed``; the second file of that name is ``lap_2``.
     """
     count = Counter(name for source in sources for name in source.listed)
+    files = unique(source.path.stem for source in sources)
     return {
-        name if count[name] == 1 else f"{source.path.stem}.{name}": (at, name)
-        for at, source in enumerate(sources)
+        name if count[name] == 1 else f"{file}.{name}": (at, name)
+        for at, (file, source) in enumerate(zip(files, sources, strict=True))
         for name in source.listed
     }
 

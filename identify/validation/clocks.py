@@ -80,12 +80,13 @@ def differing_clocks(run: PreparedRun) -> list[ClockDifference]:
     run, out = run.overview(), list[ClockDifference]()
     rate = run.recording.filters.rate
     for other, pairs in _pairs(run).items():
-        each = np.array([_alike(own, same, rate) for own, same in pairs])
+        axes = [_Windows.of(own, same, rate) for own, same in pairs]
+        each = np.array([one.alike() for one in axes])
         most, together = each.shape[1] // 2, each.mean(axis=0)
         if not np.max(together) > 0.0:  # a car that stands
             continue
         begin = float(run.recording.t[0])
-        if (changing := _changing([_Windows.of(own, same, rate) for own, same in pairs], other, begin)) is not None:
+        if (changing := _changing(axes, other, begin)) is not None:
             out.append(changing)
             continue
         at = _nearest(together, most)
@@ -258,19 +259,3 @@ def _pairs(run: PreparedRun) -> dict[str, list[tuple[Array, Array]]]:
                 change = np.gradient(difference) * rate
                 out.setdefault("suspension travels", []).append((change, outline.omega[0]))
     return out
-
-
-def _alike(first: Array, second: Array, rate: float) -> Array:
-    """(2 K + 1,) correlation of two series (N,) at lags of the second behind the first from −K to K samples."""
-    a, b = first - first.mean(), second - second.mean()
-    most = min(round(_FARTHEST * rate), a.size // 2)
-    n = int(scipy.fft.next_fast_len(2 * a.size, real=True))
-    products = np.fft.irfft(np.fft.rfft(b, n) * np.conj(np.fft.rfft(a, n)), n)
-    # Squares of what overlaps at each lag, of the first from its begin on and of the second to its end, or the reverse.
-    of_a, of_b = (np.concatenate([[0.0], np.cumsum(x**2)]) for x in (a, b))
-    k = np.arange(most + 1)
-    behind = of_a[a.size - k] * (of_b[-1] - of_b[k])
-    before = of_b[a.size - k] * (of_a[-1] - of_a[k])
-    squares = np.concatenate([before[:0:-1], behind])
-    around = np.concatenate([products[-most:], products[: most + 1]])
-    return np.divide(around, np.sqrt(squares), out=np.zeros_like(around), where=squares > 0.0)

@@ -102,6 +102,7 @@ def _study(args: argparse.Namespace, form: Form) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     # Only here: maps and their units are not needed for rows.
+    from lacet.daq.formats.log_run import damage_of_raw_log
     from lacet.daq.formats.mf4_write import write_mf4
     from lacet.daq.formats.open_run import is_own, open_run
 
@@ -113,7 +114,7 @@ def _run(args: argparse.Namespace) -> int:
     with replacing(args.output, args.force) as part:
         write_mf4(found, part, log.start.started_ns if log else None)
     samples = {name: len(signal.t) for name, signal in found.signals.items()}
-    damage = [line for line in found.problems if (log and line in log.damage) or "damaged" in line]
+    damage = [*log.damage, *damage_of_raw_log(log.start)] if log else []
     for line in found.problems:
         if line not in damage:
             print(f"! {line}")

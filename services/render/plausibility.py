@@ -44,32 +44,32 @@ def sentence(doubt: Doubt) -> str:
             return "imu.attitude roll turns as imu.rate y says, and pitch as imu.rate x: roll and pitch are exchanged"
         case Symptom.ATTITUDE_SIZE:
             angle, axis = doubt.subject
-            unit = _unit(doubt).replace("degrees?", "degrees, or the rate in rad/s as if in °/s?")
-            return f"imu.attitude {angle} turns {value:.3g} times as fast as imu.rate {axis} says{unit}"
+            return f"imu.attitude {angle} turns {value:.3g} times as fast as imu.rate {axis} says{_unit(doubt)}"
         case _:
             return _compared(doubt)
 
 
 def of_clocks(one: ClockDifference) -> str:
     """A difference of clocks, and what to do about it."""
+    late, other, alike = f"the stamps of the {one.late}", f"those of the {one.other}", f"correlation {one.alike:.2f}"
+    rest = "and look at the rest with 'lacet check --only latency'"
     if one.jump is not None:
         since, lag = one.jump
         return (
-            f"from {since:.0f} s on the {one.late} is {lag:.2f} s later than the {one.other}, and {one.lag:.2f} s "
-            f"before (correlation {one.alike:.2f} so): a log lost samples there, or a clock jumped. Cut the log there, "
-            "and import the parts as runs of their own"
+            f"from {since:.0f} s on {late} are {lag:.2f} s later than {other}, and before by {one.lag:.2f} s ({alike} "
+            "so): a log lost samples there, or a clock jumped. Cut the log there, and import the parts as runs of "
+            "their own"
         )
     if one.drift:
         return (
-            f"the {one.late} gets later than the {one.other} by {1e3 * one.drift:.1f} ms each second, from "
-            f"{one.lag:.2f} s at the run's beginning (correlation {one.alike:.2f} so): one of their clocks runs fast "
-            "or slow. Give the names of its log a drift in the map, and look at the rest with 'lacet check --only "
-            "latency'"
+            f"{late} get later than {other} by {1e3 * one.drift:.1f} ms each second, from {one.lag:.2f} s at the run's "
+            f"beginning ({alike} so): one of their clocks runs fast or slow. Give the names of its log a drift in the "
+            f"map, {rest}"
         )
     return (
-        f"the {one.late} is about {one.lag:.2f} s later than the {one.other} (correlation {one.alike:.2f} at that "
-        "lag; in a periodic manoeuvre it may be whole periods more): their clocks differ. Give the one that is late a "
-        "delay in the map, or a latency in the rig, and look at the rest with 'lacet check --only latency'"
+        f"{late} are about {one.lag:.2f} s later than {other} ({alike} at that lag; in a periodic manoeuvre it may be "
+        "whole periods more): their clocks differ. Give the one that is late a delay in the map, or a latency in the "
+        f"rig, {rest}"
     )
 
 
@@ -178,4 +178,9 @@ def _tilting(doubt: Doubt) -> str:
 def _unit(doubt: Doubt) -> str:
     """The unit that would explain it, as a question."""
     what = "the rate" if doubt.guess == "°/s" and doubt.symptom is not Symptom.WHEEL_SPEED_SIZE else "it"
-    return f": is {what} in {doubt.guess}?" if doubt.guess else ""
+    or_rate = (
+        ", or the rate in rad/s as if in °/s"
+        if doubt.guess == "degrees" and doubt.symptom is Symptom.ATTITUDE_SIZE
+        else ""
+    )
+    return f": is {what} in {doubt.guess}{or_rate}?" if doubt.guess else ""

@@ -23,9 +23,10 @@ from lacet.identify.regression.prepared_run import PreparedRun
 _OTHER_UNIT = 1000.0**0.5
 """Ratio of two sizes that is nearer to 1000, the factor between a unit and its thousandth, than to 1."""
 _POUND = 4.448
-"""N in a pound of force: the smallest factor between units of a load."""
+"""N in a pound of force: the smallest factor between two units of a load [ratio]."""
 _STRAIGHT = 2.0
-"""Median lateral acceleration above which a run is a circle [m/s²]."""
+"""Median lateral acceleration above which a run is a circle, in which axles share their load unlike [m/s²]. Source: a
+choice."""
 _MIRRORED = ("laser.hub", "laser.ground", "camera.steer", "camera.camber", "wheel.angle")
 """Families that vary alike on both sides of the car, whichever wheel is braked."""
 _MOVES = 3.0

@@ -174,7 +174,7 @@ _FOUND = (
     (Stage.LACK_OF_FIT, 1.0), (Stage.PARAMETER_CONSTANCY, 3.0), (Stage.ENCOMPASSING, 1.0),
 )  # fmt: skip
 """Stages of a ranking after its first tests, and the part of their usual time that is planned for: where nothing fails,
-and where rows do, so that several effects may be found (of two studies that lacked three and five)."""
+and where rows do, so that several effects may be found. Source: two studies that lacked three and five effects."""
 _FURTHER: Mapping[AnyStage, tuple[AnyStage, ...]] = {
     Stage.FORWARD_SELECTION: (Stage.FIT_WITH_EFFECTS, *_REFIT),
     Stage.FIT_WITH_EFFECTS: _REFIT,

@@ -16,8 +16,10 @@ from lacet.daq.errors import RunError
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.maps import assembly
 from lacet.daq.maps.channel_map import ChannelMap
+from lacet.daq.maps.guess import guess
 from lacet.daq.maps.mapped_run import mapped_run
 from lacet.daq.run import Run
+from lacet.daq.sources.open_source import opened
 from lacet.services.workspace.import_log import import_logs
 
 T = np.arange(0.0, 4.0, 0.01)
@@ -230,6 +232,19 @@ def test_a_name_in_two_files_is_told_by_its_file(tmp_path: Path) -> None:
     )
     run = mapped_run([one, other], ChannelMap.parse(HEAD + text))
     np.testing.assert_allclose(run.signals["gnss.speed"].values, -run.signals["car.speed"].values)
+
+
+def test_names_of_files_of_one_name_in_two_folders_are_told_apart(tmp_path: Path) -> None:
+    """Nothing of the second is taken for the first's."""
+    for folder, value in (("a", 1.0), ("b", 2.0)):
+        (tmp_path / folder).mkdir()
+        table(tmp_path / folder / "lap.csv", t=T, S=np.full(len(T), value))
+    files = [tmp_path / folder / "lap.csv" for folder in ("a", "b")]
+    text = '[sources]\n"*" = "m/s"\n[channels]\n"car.speed" = "lap.S"\n"gnss.speed" = "lap_2.S"'
+    run = mapped_run(files, ChannelMap.parse(HEAD + text))
+    assert [float(run.signals[name].values[0, 0]) for name in ("car.speed", "gnss.speed")] == [1.0, 2.0]
+    with opened(files[0]) as first, opened(files[1]) as second:
+        assert [one.name for one in guess(first, second) if one.name.endswith("S")] == ["lap.S", "lap_2.S"]
 
 
 def test_a_name_in_two_files_is_asked_for_as_it_is_written(tmp_path: Path) -> None:

@@ -300,7 +300,7 @@ def test_a_name_may_end_in_its_unit(tmp_path: Path, name: str, column: str, unit
 
 def drive_with_pots(folder: Path) -> tuple[Path, Path]:
     """Two logs of one drive: loads and readings of potentiometers that shorten in compression; an inertial unit."""
-    run = piece("sine", 3.0, 28.0)
+    run = piece("rough", 3.0, 28.0)
     t = run.signals["wheel.fl.force"].t
     columns = {"t [s]": t}
     for corner in ("fl", "fr", "rl", "rr"):

@@ -42,7 +42,7 @@ def test_an_inertial_unit_with_a_clock_of_its_own_is_told(name: str, later: floa
     assert first.lag == pytest.approx(abs(later), abs=0.12)
     assert first.late == ("inertial unit" if later > 0.0 else first.late)
     assert (first.other == "inertial unit") == (later < 0.0)
-    assert f"the {first.late} is about {first.lag:.2f} s later than the {first.other}" in of_clocks(first)
+    assert f"of the {first.late} are about {first.lag:.2f} s later than those of the {first.other}" in of_clocks(first)
 
 
 def test_travels_late_alone_are_told_as_such() -> None:
