@@ -63,13 +63,14 @@ def exchanged_wires(run: Run, prepared: PreparedRun) -> ExchangedWires | None:
     followed, recording = exchanged_wheels(prepared), prepared.recording
     if not followed:
         return None
-    if not any(row.kind == "chassis" for row in prepared.rows):
-        return ExchangedWires(followed, Wires.EITHER)
     signals = {_moved(name, followed): signal for name, signal in run.signals.items()}
     mended = PreparedRun.of(replace(run, signals=signals), recording.vehicle, recording.rig, recording.filters)
-    own, other = (FaultColumns.of_chassis(one).misfit for one in (prepared, mended))
-    wires = Wires.LOADS if other < _BETTER * own else Wires.DISTANCES if own < _BETTER * other else Wires.EITHER
-    return ExchangedWires(followed, wires)
+    own, other = (FaultColumns.of_kinds(one, ["chassis"]) for one in (prepared, mended))
+    if own is None or other is None:
+        return ExchangedWires(followed, Wires.EITHER)
+    if other.misfit < _BETTER * own.misfit:
+        return ExchangedWires(followed, Wires.LOADS)
+    return ExchangedWires(followed, Wires.DISTANCES if own.misfit < _BETTER * other.misfit else Wires.EITHER)
 
 
 def _moved(channel: str, followed: Mapping[str, str]) -> str:

@@ -8,16 +8,10 @@ from lacet.daq.channels import COLUMNS
 from lacet.identify.validation.channels.late_instruments import LateInstruments
 from lacet.identify.validation.channels.recorded_faults import RecordedFault
 from lacet.identify.validation.channels.recorded_values import Copies, StandStill
-from lacet.identify.validation.channels.single_faults import (
-    AboutContact,
-    ColumnFault,
-    EquationFault,
-    Fault,
-    Misplaced,
-    Suspects,
-)
+from lacet.identify.validation.channels.single_faults import ColumnFault, EquationFault, Fault, Suspects
 from lacet.identify.validation.channels.sizes import LeansAlike, NegativeDistance, OtherSize, SteersAgainst, TooQuiet
 from lacet.identify.validation.channels.unusable_values import NoiseAlone, RangeEnd, SentinelValue, Unusable
+from lacet.identify.validation.channels.wrong_places import AboutContact, Misplaced, OtherLengths, WrongPlace
 from lacet.services.render.identifiability import listed
 from lacet.services.render.intervals import with_interval
 
@@ -116,21 +110,39 @@ def from_equations(found: EquationFault) -> str:
             f"{_runs(found.runs)}: the wheels' moments are about the contact of tyre and road, and not about the wheel "
             f"centre ({_misfit(found)}). Take radius × force off: moment.x + R force.y, moment.y - R force.x"
         )
-    if isinstance(found, Misplaced):
-        off = ", ".join(
-            f"{with_interval(1e3 * value, 1e3 * found.half[axis], '+')} mm in {axis}"
-            for axis, value in found.off.items()
-        )
-        remedy = "Inertias and heights are off with it: measure it again; lacet check estimates it"
-        if found.remaining**2 - 1.0 > 0.5 * (found.misfit**2 - 1.0):
-            remedy = (
-                "Most of it remains, so that a length may be wrong in its place: check those of the vehicle file first"
-            )
+    if isinstance(found, OtherLengths):
         return (
-            f"{_runs(found.runs)}: the inertial unit is not where the rig says, but {off} from there "
-            f"({_misfit(found)}). {remedy}"
+            f"{_runs(found.runs)}: {_lengths(found)} ({_misfit(found)}). Measure again, between the middles of the "
+            "wheels"
         )
+    if isinstance(found, Misplaced):
+        return f"{_runs(found.runs)}: {_misplaced(found)}"
     return f"{_runs(found.runs)}: {_fault(found)}"
+
+
+def _misplaced(found: Misplaced) -> str:
+    off = ", ".join(
+        f"{with_interval(1e3 * value, 1e3 * found.half[axis], '+')} mm in {axis}" for axis, value in found.off.items()
+    )
+    said = f"the inertial unit is not where the rig says, but {off} from there ({_misfit(found)})"
+    if (other := found.or_lengths) is not None:
+        return (
+            f"{said}; or {_lengths(other)} ({other.remaining:.3g} without that). These do much the same: measure both"
+        )
+    if found.remaining**2 - 1.0 > 0.5 * (found.misfit**2 - 1.0):
+        return (
+            f"{said}. Most of it remains, so that a length may be wrong in its place: check those of the vehicle file "
+            "first"
+        )
+    return f"{said}. Inertias and heights are off with it: measure it again; lacet check estimates it"
+
+
+def _lengths(found: OtherLengths) -> str:
+    return ", ".join(
+        f"{length.value} is {with_interval(found.file[length] + off, found.half[length])} m and not "
+        f"{found.file[length]:.4g} m as the vehicle file says"
+        for length, off in found.off.items()
+    )
 
 
 def _fault(found: ColumnFault) -> str:
@@ -173,7 +185,7 @@ def _by(delay: float, half: float) -> str:
     return f"{with_interval(1e3 * abs(delay), 1e3 * half)} ms {'later' if delay > 0.0 else 'earlier'}"
 
 
-def _misfit(found: ColumnFault | Misplaced | AboutContact | LateInstruments) -> str:
+def _misfit(found: ColumnFault | WrongPlace | LateInstruments) -> str:
     before, after = f"{found.misfit:.3g}", f"{found.remaining:.3g}"
     return f"the car's equations leave {before} times what noise explains, and {after} without that"
 

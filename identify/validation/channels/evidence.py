@@ -17,6 +17,12 @@ EXPLAINS: Final = 0.8
 MUCH: Final = 3.0
 """Fall of weighted squares ÷ samples of another unit, and of a delay that explains a part only: errors within a sensor
 sheet are worth less than 1, a column in thousandths has a thousandfold noise."""
+PART: Final = 0.02
+"""Least part of all excess over the floor that a wrong sign, or another place, takes away: what else is wrong may take
+the rest. A law that the model lacks moves a place too, and explains nearly nothing by it."""
+SHOWS: Final = 0.03
+"""Least fall of weighted squares ÷ samples for a delay, or for a length of the car: the floors of the rows are known to
+some percent."""
 LATE_PART: Final = 0.2
 """Least part of the excess that a delay takes away, to first order and again when it is removed."""
 

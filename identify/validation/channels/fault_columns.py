@@ -29,6 +29,7 @@ from lacet.identify.signals.filters import derivative
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording
 from lacet.identify.validation.channels.column_kinds import LOADS, kind_of, sensors_of
+from lacet.identify.validation.channels.vehicle_lengths import Length, length_columns
 
 BLOCKS = 8
 """Blocks of a run, each left out in turn, from which the estimates have their spread (jackknife)."""
@@ -47,7 +48,12 @@ LATE = 0.010
 _NO_DELAY = 1e-6
 """Prior of a delay that is the rig's, 1 σ [s]."""
 _ANYWHERE = 0.5
-"""Prior of the inertial unit's position error, 1 σ [m]."""
+"""Prior of the inertial unit's position error, and of a length's, 1 σ [m]."""
+_EVERY = np.arange(len(Length))
+_LENGTHS = _EVERY - len(Length) - 1
+_UNIT = np.arange(3) - len(Length) - 4
+_COLUMNS = slice(None, -len(Length) - 4)
+"""Places of the lengths, of the position of the inertial unit and of the columns' faults in the products."""
 
 
 @dataclass(frozen=True)
@@ -76,11 +82,11 @@ class FaultEstimate:
 
 
 @dataclass(frozen=True)
-class PositionEstimate:
-    """Estimate of the inertial unit's position error, its three axes together.
+class PlaceEstimate:
+    """Estimate of places that are not as the files say, all together: of the inertial unit, or of the wheels.
 
-    `value`, `spread` (3,) farther along the body axes than the rig says, and 1 σ [m]; `fall` : weighted squares that it
-    takes away, ÷ number of samples.
+    `value`, `spread` (3,) how much farther along the body axes the unit is, or how much longer each `Length` is, and
+    1 σ [m]; `fall` : weighted squares that this takes away, ÷ number of samples.
     """
 
     value: Array
@@ -96,7 +102,8 @@ class FaultColumns:
     ----------
     columns : names of the channels' columns that a row depends on.
     whole : (w, w) products of [nuisance, scale and delay of each column, position of the inertial unit along three
-        axes, left side], rows ÷ noise floor; the zeros of all columns are removed run by run.
+        axes, lengths of the vehicle file, left side], rows ÷ noise floor; the zeros of all columns are removed run by
+        run.
     left_out : (B, w, w) the same with one block left out.
     halves : (2, w, w) the same of the first and of the second half alone; of several runs, all of theirs.
     precision : (q, q) inverse covariance beforehand of the nuisance: parameters of the laws, delays of kinds of
@@ -127,10 +134,10 @@ class FaultColumns:
         return next(iter(cls._of_rows(run, lambda rows: [rows])), None)
 
     @classmethod
-    def of_chassis(cls, run: PreparedRun) -> FaultColumns:
-        """The products of a run's chassis rows, of which it has some."""
-        (found,) = cls._of_rows(run, lambda rows: [tuple(row for row in rows if row.kind == "chassis")])
-        return found
+    def of_kinds(cls, run: PreparedRun, kinds: Sequence[str]) -> FaultColumns | None:
+        """The products of a run's rows of these kinds; None where it has none."""
+        parts = cls._of_rows(run, lambda rows: [own] if (own := tuple(r for r in rows if r.kind in kinds)) else [])
+        return next(iter(parts), None)
 
     @classmethod
     def by_row(cls, run: PreparedRun) -> dict[Row, FaultColumns]:
@@ -149,7 +156,8 @@ class FaultColumns:
         recording = run.recording
         effects = _laws(recording)
         priors = np.array([q.prior for effect in effects for q in effect.parameters])
-        sensitivity = Sensitivity.of(recording, effects, _first_estimate(run, effects, priors), ROUGH)
+        theta = _first_estimate(run, effects, priors)
+        sensitivity = Sensitivity.of(recording, effects, theta, ROUGH)
         floor = _floor(run, sensitivity)
         channels = sensitivity.channels
         changes = [_changes(run, sensitivity, channel) for channel in channels]
@@ -157,6 +165,7 @@ class FaultColumns:
         delays = _by_kind({c: {row: a[1::2] for row, a in one.faults.items()} for c, one in each})
         noises = _by_kind({c: one.noise for c, one in each})
         unit = [_of_position(run, sensitivity, axis) for axis in "xyz"]
+        lengths = length_columns(run, effects, theta)
         columns = [(channel, column) for channel in channels for column in CHANNELS[channel].columns]
         rig = recording.rig
         sigmas = np.array([rig.tolerance(channel, "zero") or rig.noise(channel) for channel, _ in columns])
@@ -167,7 +176,7 @@ class FaultColumns:
             found = [one.zeros[row].T for one in changes]
             found.append(run.matrix(effects, row))
             found += [some[row].T for some in (*delays.values(), *(one.faults for one in changes))]
-            found.append(np.stack([*(axis[row] for axis in unit), run.measured[row]], axis=1))
+            found.append(np.stack([*(axis[row] for axis in unit), *lengths[row], run.measured[row]], axis=1))
             table = np.concatenate(found, axis=1) / floor[row]
             return np.stack([block.T @ block for block in np.array_split(table, BLOCKS)])
 
@@ -234,7 +243,7 @@ class FaultColumns:
         whole = _reduced(self.whole, self.precision)
         values = _single(whole)
         spread = jackknife(np.stack([_single(_reduced(part, self.precision)) for part in self.left_out]))
-        fall = values**2 * np.diag(whole)[:-4] / self.count
+        fall = values**2 * np.diag(whole)[_COLUMNS] / self.count
         noise = np.divide(self.noise, self.signal, out=np.full(self.noise.shape, np.inf), where=self.signal > 0.0)
         out: list[FaultEstimate] = []
         for i, column in enumerate(self.columns):
@@ -264,14 +273,21 @@ class FaultColumns:
         """(q,) which of the nuisance are delays of kinds of columns: the last."""
         return np.arange(len(self.precision)) >= len(self.precision) - len(self.kinds)
 
-    def unit_position(self) -> PositionEstimate | None:
+    def unit_position(self) -> PlaceEstimate | None:
         """The position error of the inertial unit; None where no row depends on it."""
+        return self._places(_UNIT)
+
+    def lengths(self, of: NDArray[np.intp] = _EVERY) -> PlaceEstimate | None:
+        """The errors of these lengths, by their places in `Length`; None where no row depends on one."""
+        return self._places(_LENGTHS[of])
+
+    def _places(self, part: NDArray[np.intp]) -> PlaceEstimate | None:
         whole = _reduced(self.whole, self.precision)
-        if not np.all(np.diag(whole)[-4:-1] > 0.0):
+        if not np.all(np.diag(whole)[part] > 0.0):
             return None
-        value = _three(whole)
-        spread = jackknife(np.stack([_three(_reduced(part, self.precision)) for part in self.left_out]))
-        return PositionEstimate(value, spread, float(value @ whole[-4:-1, -1]) / self.count)
+        value = _together(whole, part)
+        spread = jackknife(np.stack([_together(_reduced(one, self.precision), part) for one in self.left_out]))
+        return PlaceEstimate(value, spread, float(value @ whole[part, -1]) / self.count)
 
 
 def _laws(recording: Recording) -> list[PhysicalEffect]:
@@ -390,14 +406,15 @@ def _reduced(gram: Array, precision: Array) -> Array:
 
 
 def _single(reduced: Array) -> Array:
-    """(f,) value of each fault alone; NaN where it changes nothing."""
-    squares = np.diag(reduced)[:-4]
-    return np.divide(reduced[:-4, -1], squares, out=np.full(squares.size, np.nan), where=squares > 0.0)
+    """(f,) value of each fault of a column alone; NaN where it changes nothing."""
+    squares = np.diag(reduced)[_COLUMNS]
+    return np.divide(reduced[_COLUMNS, -1], squares, out=np.full(squares.size, np.nan), where=squares > 0.0)
 
 
-def _three(reduced: Array) -> Array:
-    """(3,) position error from the reduced products, beside a wide prior."""
-    return np.asarray(np.linalg.solve(reduced[-4:-1, -4:-1] + np.eye(3) / _ANYWHERE**2, reduced[-4:-1, -1]), float)
+def _together(reduced: Array, part: NDArray[np.intp]) -> Array:
+    """(k,) errors of these places from the reduced products, beside a wide prior."""
+    normal = reduced[np.ix_(part, part)]
+    return np.asarray(np.linalg.solve(normal + np.eye(len(normal)) / _ANYWHERE**2, reduced[part, -1]), float)
 
 
 def jackknife(values: Array) -> Array:

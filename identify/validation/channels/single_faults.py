@@ -17,21 +17,29 @@ from typing import Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from lacet.daq.channels import COLUMNS, CORNERS
+from lacet.daq.channels import COLUMNS
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.reconstruct import Recording
-from lacet.identify.validation.channels.delays import instrument_delays
 from lacet.identify.validation.channels.earlier import earlier
-from lacet.identify.validation.channels.evidence import CHANCE, EXPLAINS, LATE_PART, MUCH, NOISY, USUAL, is_large, reach
+from lacet.identify.validation.channels.evidence import (
+    CHANCE,
+    EXPLAINS,
+    LATE_PART,
+    MUCH,
+    NOISY,
+    PART,
+    SHOWS,
+    USUAL,
+    is_large,
+    reach,
+)
 from lacet.identify.validation.channels.fault_columns import (
     BLOCKS,
     LATE,
     FaultColumns,
     FaultEstimate,
-    PositionEstimate,
 )
 from lacet.identify.validation.channels.late_instruments import (
     LateInstruments,
@@ -39,6 +47,7 @@ from lacet.identify.validation.channels.late_instruments import (
     in_common,
     late_instruments,
 )
+from lacet.identify.validation.channels.wrong_places import WrongPlace, wrong_place
 
 _TWICE: Final = 2.0
 """Factor from which a scale is no calibration error, either way."""
@@ -57,19 +66,8 @@ _GROSS: Final = 30.0
 """Misfit from which the columns that explain most of it are named: no effect that a car lacks is worth as much."""
 _SUSPECTS: Final = 4
 """Largest number of columns named."""
-_PART: Final = 0.02
-"""Least part of all excess over the floor that a wrong sign, or another place of the inertial unit, takes away: what
-else is wrong may take the rest. A law that the model lacks moves the unit too, and explains nearly nothing by it."""
-_PART_OF_CHASSIS: Final = 0.5
-"""Least part of the excess of the chassis rows that another place of the inertial unit takes away: more than all that
-acts on the body and is not in the model."""
-_SHOWS: Final = 0.03
-"""Least fall of weighted squares ÷ samples for a delay."""
 _LITTLE: Final = 0.005
 """The same in all runs together, where a delay is the same in each."""
-_UNIT: Final = "imu.accel"
-_ELSEWHERE: Final = 0.02
-"""Least distance from the rig's position at which the inertial unit is elsewhere [m]: less is a tape's."""
 _ALIKE: Final = 0.2
 """Part of a delay's fall by which that of another column must be less for the two to be distinguished."""
 _TRIED: Final = 3
@@ -135,30 +133,7 @@ class Suspects:
     runs: Mapping[str, tuple[float, float]]
 
 
-@dataclass(frozen=True)
-class Misplaced:
-    """The inertial unit somewhere else than the rig says.
-
-    `off`, `half` : axis → position found less the rig's, and half of its 95 % interval [m], of the axes that differ.
-    """
-
-    off: Mapping[str, float]
-    half: Mapping[str, float]
-    misfit: float
-    remaining: float
-    runs: Mapping[str, tuple[float, float]]
-
-
-@dataclass(frozen=True)
-class AboutContact:
-    """Wheel moments that are about the contact of tyre and road, and not about the wheel centre."""
-
-    misfit: float
-    remaining: float
-    runs: Mapping[str, tuple[float, float]]
-
-
-EquationFault = ColumnFault | Misplaced | AboutContact | Suspects | LateInstruments
+EquationFault = ColumnFault | WrongPlace | Suspects | LateInstruments
 """What the car's equations say of the channels of runs."""
 
 
@@ -207,9 +182,9 @@ def _of_columns(each: Sequence[tuple[PreparedRun, FaultColumns]]) -> list[Equati
     joined = FaultColumns.joined([found for _, found in each])
     if all(isinstance(one, ColumnFault) and one.fault is Fault.LATE for one in out):
         least = sum(found.count * _taken(out, run.name) for run, found in each) / joined.count
-        misplaced = _misplaced(joined, [run for run, _ in each], seconds)
-        if misplaced is not None and misplaced.misfit**2 - misplaced.remaining**2 > least:
-            return [misplaced]
+        elsewhere = wrong_place(joined, [run for run, _ in each], seconds)
+        if elsewhere is not None and elsewhere.misfit**2 - elsewhere.remaining**2 > least:
+            return [elsewhere]
     if not out and len(each) > 1:
         found = _joint_fault([run for run, _ in each], joined, seconds)
         out = [found] if found is not None else []
@@ -219,74 +194,6 @@ def _of_columns(each: Sequence[tuple[PreparedRun, FaultColumns]]) -> list[Equati
 def _taken(found: Sequence[ColumnFault | Suspects], run: str) -> float:
     """Weighted squares ÷ samples of a run that the faults found in it take away."""
     return sum(one.misfit**2 - one.remaining**2 for one in found if isinstance(one, ColumnFault) and run in one.runs)
-
-
-def _misplaced(
-    products: FaultColumns, runs: Sequence[PreparedRun], seconds: Mapping[str, tuple[float, float]]
-) -> Misplaced | AboutContact | None:
-    """The inertial unit at a place that is certainly another than the rig's; None where it may be right.
-
-    Moments about the contacts do nearly the same as a unit that much higher, but in the rows of spinning wheels.
-
-    The chassis rows alone must say so, too, and hold better for it: no law that a suspension or a tyre lacks acts in
-    them, and a force on the body that the model lacks, as a trailer's, moves the unit too and explains little by it.
-    """
-    with_chassis = [run for run in runs if any(row.kind == "chassis" for row in run.rows)]
-    if any(_UNIT in one.kinds and abs(one.delay) > LATE for one in instrument_delays(products)):
-        return None  # to first order alone its delay is not removed
-    found = products.unit_position() if with_chassis else None
-    if found is None:
-        return None
-    late = max((one.delay_fall for one in products.estimates() if one.column.startswith("imu.accel")), default=0.0)
-    misfit = products.misfit
-    if late > found.fall or found.fall < _PART * (misfit - 1.0):  # one of its columns is late, or the model lacks a law
-        return None
-    least = max(_ELSEWHERE, 3.0 * runs[0].recording.rig.tolerance("imu.accel", "position"))
-    apart = _far(found, products.block_count, least)
-    if not apart.any():
-        return None
-    chassis = FaultColumns.joined([FaultColumns.of_chassis(run) for run in with_chassis])
-    own = chassis.unit_position()
-    if own is None or own.fall < _PART_OF_CHASSIS * (chassis.misfit - 1.0):
-        return None
-    if not np.all(_far(own, chassis.block_count, least)[apart] & (own.value * found.value > 0.0)[apart]):
-        return None
-    off: dict[str, float] = {}
-    half: dict[str, float] = {}
-    for axis, value, spread, far in zip("xyz", found.value.tolist(), found.spread.tolist(), apart, strict=True):
-        if far:
-            off[axis], half[axis] = value, USUAL * spread
-    remaining = max(0.0, misfit - found.fall)
-    about = _about_centres(runs)
-    if about is not None and about < remaining:
-        return AboutContact(misfit**0.5, about**0.5, seconds)
-    return Misplaced(off, half, misfit**0.5, remaining**0.5, seconds) if off else None
-
-
-def _about_centres(runs: Sequence[PreparedRun]) -> float | None:
-    """Misfit of the equations with moments that were about the contacts; None of runs without moments."""
-    out: list[FaultColumns] = []
-    for run in runs:
-        recording = run.recording
-        changed: dict[str, Array] = {}
-        for corner in CORNERS:
-            moment, force = (recording.signals.value.get(f"wheel.{corner}.{kind}") for kind in ("moment", "force"))
-            if moment is None or force is None:
-                return None
-            radius = recording.vehicle.corners[corner].tyre_radius
-            about = np.stack([-radius * force[1], radius * force[0], np.zeros_like(force[2])])
-            changed[f"wheel.{corner}.moment"] = moment - about
-        signals = recording.signals.changed(changed, recording.filters.rate)
-        products = FaultColumns.of(PreparedRun(recording.with_signals(signals), is_piece=True))
-        if products is None:
-            return None
-        out.append(products)
-    return FaultColumns.joined(out).misfit
-
-
-def _far(found: PositionEstimate, blocks: int, least: float) -> NDArray[np.bool_]:
-    """(3,) whether the unit is farther than `least` [m] from the rig's position along an axis, beyond chance."""
-    return np.abs(found.value) - reach(blocks) * found.spread > least
 
 
 def _joint_fault(
@@ -434,7 +341,7 @@ def _differ(halves: Array, half: float) -> bool:
 
 def _wrong_scale(one: FaultEstimate, misfit: float, half: float) -> tuple[Fault, str] | None:
     """Kind of fault, and unit, of a scale that is certainly wrong; None where it may be right."""
-    if one.noise > _NOISY_SIGN or one.scale_fall < max(_MATTERS, _PART * (misfit - 1.0)):
+    if one.noise > _NOISY_SIGN or one.scale_fall < max(_MATTERS, PART * (misfit - 1.0)):
         return None
     if misfit - one.scale_fall > _GROSS**2:  # beside a misfit as large any value may come out
         return None
@@ -457,7 +364,7 @@ def _delays(
     The delay is removed from the recording and estimated again until it is settled: 30 ms are more than a first-order
     estimate reaches.
     """
-    least = max(_SHOWS, LATE_PART * (misfit - 1.0))
+    least = max(SHOWS, LATE_PART * (misfit - 1.0))
     able = [one for one in estimates if one.rate_noise < NOISY and one.delay_fall > least]
     out: list[tuple[str, float, float, float]] = []
     for one in sorted(able, key=lambda one: -one.delay_fall)[:_TRIED]:

@@ -15,14 +15,13 @@ from lacet.identify.car.rows import Row
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.validation.channels.fault_columns import FaultColumns, FaultEstimate
 from lacet.identify.validation.channels.single_faults import (
-    AboutContact,
     ColumnFault,
     Fault,
-    Misplaced,
     Suspects,
     _wrong_scale,
     column_faults,
 )
+from lacet.identify.validation.channels.wrong_places import AboutContact, Misplaced
 from lacet.services.render.channels import from_equations
 from lacet.simulate import exchange_run, make_manoeuvre
 from lacet.simulate import run as simulate_drive

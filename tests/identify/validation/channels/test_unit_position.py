@@ -14,10 +14,11 @@ from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.validation.channels import single_faults
+from lacet.identify.validation.channels import wrong_places
 from lacet.identify.validation.channels.fault_columns import FaultColumns
-from lacet.identify.validation.channels.single_faults import Misplaced, column_faults
+from lacet.identify.validation.channels.single_faults import column_faults
 from lacet.identify.validation.channels.unit_position import unit_position
+from lacet.identify.validation.channels.wrong_places import Misplaced
 from lacet.services.render.channels import from_equations
 from lacet.services.render.sensor_report import position_table
 from tests.support.tables import CAR, piece, without
@@ -89,9 +90,9 @@ def test_a_unit_that_only_suspension_and_tyre_rows_want_elsewhere_is_where_the_r
         [PreparedRun.of(piece(name, 2.0, 22.0), VEHICLE, rig) for name in ("sine", "rough")]
         for rig in (moved(0.128, 0.0, 0.0), RIG)
     )
-    right = {run.name: FaultColumns.of_chassis(run) for run in sound}
-    assert FaultColumns.of_chassis(off[0]).count < FaultColumns.of(off[0]).count
-    monkeypatch.setattr(FaultColumns, "of_chassis", lambda run: right[run.name])
+    right = {run.name: FaultColumns.of_kinds(run, ["chassis"]) for run in sound}
+    assert right["sine"].count < FaultColumns.of(off[0]).count
+    monkeypatch.setattr(FaultColumns, "of_kinds", lambda run, kinds: right[run.name])
     assert not [found for found in column_faults(off) if isinstance(found, Misplaced)]
 
 
@@ -113,5 +114,5 @@ def test_a_force_on_the_body_that_the_model_lacks_does_not_move_the_unit(monkeyp
         PreparedRun.of(pulled(piece(name, 2.0, 22.0), 300.0), VEHICLE, RIG) for name in ("liftoff", "sine", "rough")
     ]
     assert not [found for found in column_faults(towing) if isinstance(found, Misplaced)]
-    monkeypatch.setattr(single_faults, "_PART_OF_CHASSIS", 0.0)
+    monkeypatch.setattr(wrong_places, "_PART_OF_ROWS", 0.0)
     assert [found for found in column_faults(towing) if isinstance(found, Misplaced)]
