@@ -234,8 +234,8 @@ class _Windows:
 
 def _nearest(alike: Array, to: int) -> int:
     """Place of the lag nearest to another one of those that are as good as the best."""
-    peaks = np.append(scipy.signal.find_peaks(alike)[0], np.argmax(alike))
-    near = peaks[alike[peaks] >= _AS_GOOD * np.max(alike)]
+    peaks, best = np.append(scipy.signal.find_peaks(alike)[0], np.argmax(alike)), float(np.max(alike))
+    near = peaks[alike[peaks] >= min(_AS_GOOD * best, best)]  # all may be opposed
     return int(near[np.argmin(np.abs(near - to))])
 
 

@@ -36,6 +36,9 @@ tail of any, has holes. Source: a choice."""
 _ONLY_NOISE = 1.5
 """Variation ÷ noise of the sensor sheet up to which a column shows noise alone: a measured noise is that of its sheet
 to a quarter (`noise_level`), and a window's own scatter comes on top."""
+_FROM_SAMPLE_TO_SAMPLE = 0.5
+"""Part of its variance that a column has from sample to sample, below which it is no noise alone: that of white noise
+is 1, that of a motion nearly 0 (half of von Neumann's ratio)."""
 _FALLS = 10.0
 """Variation before a dead stretch ÷ that in it, at least. Source: a choice."""
 _KEEPS = 0.5
@@ -281,7 +284,8 @@ def _quiet_span(t: Array, series: Array, noise: float) -> tuple[int, int] | None
     longest = int(np.argmax(ends - begins))
     inside = series[begins[longest] * length : (ends[longest] + 1) * length]
     middle, spread = float(np.median(inside)), float(np.std(inside))
-    if spread > _ONLY_NOISE * noise:  # it moves slowly
+    by_sample = float(np.mean(np.diff(inside) ** 2)) / 2.0
+    if spread > _ONLY_NOISE * noise or by_sample < _FROM_SAMPLE_TO_SAMPLE * spread**2:  # it moves slowly
         return None
     # To the sample: the stretch ends where a value is no noise about its middle.
     away = np.flatnonzero(np.abs(series - middle) > _FAR * max(spread, noise))

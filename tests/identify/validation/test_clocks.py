@@ -10,7 +10,7 @@ import pytest
 from lacet.daq.channels import CORNERS
 from lacet.daq.run import Run, Signal
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.validation.clocks import differing_clocks
+from lacet.identify.validation.clocks import _nearest, differing_clocks
 from lacet.services.render.plausibility import of_clocks
 from lacet.services.workspace.loading import prepare_run
 from tests.identify import cars
@@ -93,6 +93,12 @@ def test_nothing_is_said_of_channels_that_stand_still() -> None:
     run = cars.piece("sine", 2.0, 12.0)
     still = run.with_values({name: np.repeat(one.values[:1], len(one.t), 0) for name, one in run.signals.items()})
     assert differing_clocks(PreparedRun.of(still, VEHICLE, RIG)) == []
+
+
+def test_of_lags_at_which_all_is_opposed_the_least_opposed_is_taken() -> None:
+    """As between a stretch before a gap and what follows it."""
+    assert _nearest(np.array([-0.9, -0.5, -0.8]), 0) == 1
+    assert _nearest(np.array([0.1, 0.97, 0.2, 1.0, 0.3]), 0) == 1
 
 
 def test_a_slow_motion_is_nearly_alike_at_many_lags() -> None:

@@ -71,7 +71,8 @@ def half(second: np.ndarray, first: np.ndarray = MOVING) -> np.ndarray:
     (half(NOISE + 8.0 * (T - 10.0)), False),
     (np.where((T > 10.0) & (T < 11.5), NOISE, MOVING), False),
     (half(NOISE, 0.1 * MOVING + NOISE), False),
-], ids=["noise alone", "slow motion", "a second and a half", "little motion before"])  # fmt: skip
+    (half(0.7 * NOISE + np.sin(2.0 * T)), False),
+], ids=["noise alone", "slow motion", "a second and a half", "little motion before", "as much motion as noise"])  # fmt: skip
 def test_noise_alone_is_seconds_long_after_much_more(series: np.ndarray, dead: bool):
     span = _quiet_span(T, series, 1.0)
     assert (span is not None) == dead
