@@ -84,7 +84,7 @@ def resting_stretches(run: Run, rig: Rig) -> list[tuple[StandStill, dict[str, ND
             spans = [
                 (first, last)
                 for first, last in _no_chance(series)
-                if others_move(run, rig, channel, column, t[first], t[last], _resolution(series))
+                if others_move(run, rig, channel, column, t[first], t[last], resolution(series))
             ]
             if not spans:
                 continue
@@ -130,7 +130,7 @@ def _no_chance(series: Array) -> list[tuple[int, int]]:
     return [(int(ends[one]), int(ends[one + 1]) - 1) for one in sure]
 
 
-def _resolution(series: Array) -> float:
+def resolution(series: Array) -> float:
     """Smallest step of a column between two samples; 0 of a constant one."""
     steps = np.abs(np.diff(series))
     return float(np.min(steps[steps > 0.0], initial=np.inf)) if np.any(steps) else 0.0

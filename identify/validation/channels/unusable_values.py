@@ -24,6 +24,7 @@ from lacet.identify.validation.channels.recorded_values import (
     MOVES,
     StandStill,
     others_move_at,
+    resolution,
     resting_stretches,
 )
 
@@ -33,6 +34,8 @@ none."""
 _HOLES = 10.0
 """Distance of a sentinel from all other values ÷ the widest hole among these, at least: a coarse distribution, and the
 tail of any, has holes. Source: a choice."""
+_CUT = 5.0
+"""Step into the end of a range ÷ the column's smallest, at least. Source: a choice; a crest that is rounded has 1."""
 _ONLY_NOISE = 1.5
 """Variation ÷ noise of the sensor sheet up to which a column shows noise alone: a measured noise is that of its sheet
 to a quarter (`noise_level`), and a window's own scatter comes on top."""
@@ -206,16 +209,22 @@ def _range_ends(run: Run, rig: Rig) -> _Found:
 def _is_range_end(signal: Signal, good: NDArray[np.intp], series: Array, at: NDArray[np.bool_]) -> bool:
     """Whether a noisy column returns to its highest or lowest value, and stays at it more often than by chance.
 
-    By chance a noisy column has equal neighbours there as often as elsewhere.
+    By chance a noisy column has equal neighbours there as often as between its two ends, which may both be a range's.
     """
     pairs = int(np.count_nonzero(at[1:] & at[:-1]))
-    rest = series[~at]
+    rest = series[(series > np.min(series)) & (series < np.max(series))]
     if pairs == 0 or rest.size < LEAST or _stretches(at) < 2:
         return False
     part = (np.count_nonzero(np.diff(rest) == 0.0) + 1.0) / (rest.size + 1.0)
     if series.size * part**pairs > CHANCE:
         return False
-    return _is_noisy(signal, good, rest)
+    return _is_noisy(signal, good, rest) or _is_cut(series, at)
+
+
+def _is_cut(series: Array, at: NDArray[np.bool_]) -> bool:
+    """Whether a column comes to a value, and goes from it, in steps that no crest has: those of one are the smallest."""
+    edges = np.flatnonzero(at[1:] != at[:-1])
+    return float(np.median(np.abs(np.diff(series))[edges])) > _CUT * resolution(series)
 
 
 # -- dead stretches ----------------------------------------------------------------------------------------------------

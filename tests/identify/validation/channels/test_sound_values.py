@@ -50,10 +50,15 @@ def test_a_clipped_column_is_at_the_end_of_its_range():
     assert range_end(np.minimum(MOVING, 35.0))
 
 
+def test_a_column_that_is_clipped_most_of_the_time_at_both_ends_is_at_that_of_its_range():
+    assert range_end(np.clip(MOVING, -15.0, 15.0))
+
+
 def test_the_crests_of_a_coarse_column_are_no_end_of_a_range():
     """Whole numbers of a slow sine with half a step of noise: equal neighbours are frequent at its crests."""
     coarse = np.round(4.0 * np.sin(2.0 * np.pi * 0.5 * T) + 0.3 * NOISE)
     assert not range_end(coarse)
+    assert not range_end(np.round(40.0 * np.sin(2.0 * np.pi * 0.5 * T)))
 
 
 def test_one_stretch_at_the_highest_value_is_no_end_of_a_range():
@@ -72,7 +77,7 @@ def half(second: np.ndarray, first: np.ndarray = MOVING) -> np.ndarray:
     (np.where((T > 10.0) & (T < 11.5), NOISE, MOVING), False),
     (half(NOISE, 0.1 * MOVING + NOISE), False),
     (half(0.7 * NOISE + np.sin(2.0 * T)), False),
-], ids=["noise alone", "slow motion", "a second and a half", "little motion before", "as much motion as noise"])  # fmt: skip
+], ids=["noise alone", "slow motion", "a second and a half", "little motion before", "motion like noise"])  # fmt: skip
 def test_noise_alone_is_seconds_long_after_much_more(series: np.ndarray, dead: bool):
     span = _quiet_span(T, series, 1.0)
     assert (span is not None) == dead
