@@ -138,13 +138,13 @@ def _settled(
 
 
 def _late(estimates: Sequence[DelayEstimate], removed: Mapping[str, float], most: float) -> list[DelayEstimate]:
-    """Those that are late for sure, and noisy ones that are late by the same.
+    """Those that are late for sure, by half of `LATE` at least, and noisy ones that are late by the same.
 
     `removed` : what was removed of the delay of each kind of columns; `most` : of an interval that misses by chance
     alone, half ÷ spread.
     """
     each = [(sum(removed.get(kind, 0.0) for kind in one.kinds) / len(one.kinds) + one.delay, one) for one in estimates]
-    late = [(delay, one) for delay, one in each if abs(delay) - most * one.spread > LATE]
+    late = [(delay, one) for delay, one in each if abs(delay) - most * one.spread > 0.5 * LATE]
     sure = [delay for delay, one in late if one.noise < _NOISIEST]
     return [one for delay, one in late if any(abs(delay - other) < LATE for other in sure)]
 

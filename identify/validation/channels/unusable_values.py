@@ -222,7 +222,7 @@ def _is_range_end(signal: Signal, good: NDArray[np.intp], series: Array, at: NDA
 
 
 def _is_cut(series: Array, at: NDArray[np.bool_]) -> bool:
-    """Whether a column comes to a value, and goes from it, in steps that no crest has: those of one are the smallest."""
+    """Whether a column comes to a value, and goes from it, in steps that no crest has: its own are the smallest."""
     edges = np.flatnonzero(at[1:] != at[:-1])
     return float(np.median(np.abs(np.diff(series))[edges])) > _CUT * resolution(series)
 
