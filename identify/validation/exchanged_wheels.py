@@ -31,8 +31,8 @@ _FOLLOWS = 0.25
 _BETTER = 0.8
 """Misfit of the chassis rows with the loads at one place ÷ that at the other, below which they belong there: exchanged
 load cells leave their sum as it is. Source: a choice; 12 such runs of a car had 0.02 to 0.50."""
-_LOADS = frozenset({"wheel", "hub", "pushrod", "scale"})
-_DISTANCES = frozenset({"laser", "suspension", "damper"})
+LOADS = frozenset({"wheel", "hub", "pushrod", "scale"})
+DISTANCES = frozenset({"laser", "suspension", "damper"})
 """First words of the channels of instruments at a wheel."""
 
 
@@ -54,7 +54,7 @@ class ExchangedWires:
     def left_out(self, channel: str) -> bool:
         """Whether a channel is one of the exchanged instruments'; loads where it may be either."""
         kind, _, rest = channel.partition(".")
-        kinds = _DISTANCES if self.wires is Wires.DISTANCES else _LOADS
+        kinds = DISTANCES if self.wires is Wires.DISTANCES else LOADS
         return kind in kinds and rest.split(".")[0] in self.followed
 
 
@@ -77,7 +77,7 @@ def _moved(channel: str, followed: Mapping[str, str]) -> str:
     """The channel that a load's would have at the corner whose tyre it follows."""
     kind, _, rest = channel.partition(".")
     corner, _, quantity = rest.partition(".")
-    return f"{kind}.{followed[corner]}.{quantity}" if kind in _LOADS and corner in followed else channel
+    return f"{kind}.{followed[corner]}.{quantity}" if kind in LOADS and corner in followed else channel
 
 
 def exchanged_wheels(run: PreparedRun) -> Mapping[str, str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from lacet.daq.channels import COLUMNS
+from lacet.identify.validation.channels.exchanged_pairs import ExchangedPair
 from lacet.identify.validation.channels.late_instruments import LateInstruments
 from lacet.identify.validation.channels.recorded_faults import RecordedFault
 from lacet.identify.validation.channels.recorded_values import Copies, StandStill
@@ -12,6 +13,7 @@ from lacet.identify.validation.channels.single_faults import ColumnFault, Equati
 from lacet.identify.validation.channels.sizes import LeansAlike, NegativeDistance, OtherSize, SteersAgainst, TooQuiet
 from lacet.identify.validation.channels.unusable_values import NoiseAlone, RangeEnd, SentinelValue, Unusable
 from lacet.identify.validation.channels.wrong_places import AboutContact, Misplaced, OtherLengths, WrongPlace
+from lacet.identify.validation.exchanged_wheels import Wires
 from lacet.services.render.identifiability import listed
 from lacet.services.render.intervals import with_interval
 
@@ -110,6 +112,12 @@ def from_equations(found: EquationFault) -> str:
             f"{_runs(found.runs)}: the wheels' moments are about the contact of tyre and road, and not about the wheel "
             f"centre ({_misfit(found)}). Take radius × force off: moment.x + R force.y, moment.y - R force.x"
         )
+    if isinstance(found, ExchangedPair):
+        what = "wheel loads" if found.wires is Wires.LOADS else "travels"
+        return (
+            f"{_runs(found.runs)}: the {what} of {' and '.join(found.corners)} are exchanged ({_misfit(found)}): "
+            "exchange their names in the map or the rig file, or their wires"
+        )
     if isinstance(found, OtherLengths):
         return (
             f"{_runs(found.runs)}: {_lengths(found)} ({_misfit(found)}). Measure again, between the middles of the "
@@ -185,7 +193,7 @@ def _by(delay: float, half: float) -> str:
     return f"{with_interval(1e3 * abs(delay), 1e3 * half)} ms {'later' if delay > 0.0 else 'earlier'}"
 
 
-def _misfit(found: ColumnFault | WrongPlace | LateInstruments) -> str:
+def _misfit(found: ColumnFault | WrongPlace | LateInstruments | ExchangedPair) -> str:
     before, after = f"{found.misfit:.3g}", f"{found.remaining:.3g}"
     return f"the car's equations leave {before} times what noise explains, and {after} without that"
 

@@ -154,11 +154,11 @@ class FaultColumns:
         if not run.rows:
             return []
         recording = run.recording
-        effects = _laws(recording)
+        effects = laws_of(recording)
         priors = np.array([q.prior for effect in effects for q in effect.parameters])
-        theta = _first_estimate(run, effects, priors)
+        theta = first_estimate(run, effects, priors)
         sensitivity = Sensitivity.of(recording, effects, theta, ROUGH)
-        floor = _floor(run, sensitivity)
+        floor = floor_of_rows(run, sensitivity)
         channels = sensitivity.channels
         changes = [_changes(run, sensitivity, channel) for channel in channels]
         each = list(zip(channels, changes, strict=True))
@@ -290,7 +290,7 @@ class FaultColumns:
         return PlaceEstimate(value, spread, float(value @ whole[part, -1]) / self.count)
 
 
-def _laws(recording: Recording) -> list[PhysicalEffect]:
+def laws_of(recording: Recording) -> list[PhysicalEffect]:
     """Laws beside which a fault is estimated: the base model, and spring and damping across each axle.
 
     Without the latter each wheel would be taken to be suspended by itself. What beams, rigid axles and bars do between
@@ -301,7 +301,7 @@ def _laws(recording: Recording) -> list[PhysicalEffect]:
     return [physics for effect in found if (physics := effect.as_physics)]
 
 
-def _first_estimate(run: PreparedRun, effects: Sequence[PhysicalEffect], priors: Array) -> Array:
+def first_estimate(run: PreparedRun, effects: Sequence[PhysicalEffect], priors: Array) -> Array:
     """(p,) parameters of least squares, every row weighted by its own variation."""
     run.prepare(effects)
     size = {row: float(np.std(run.measured[row])) or 1.0 for row in run.rows}
@@ -310,7 +310,7 @@ def _first_estimate(run: PreparedRun, effects: Sequence[PhysicalEffect], priors:
     return np.asarray(np.linalg.lstsq(np.concatenate(table), np.concatenate(right), rcond=None)[0], float)
 
 
-def _floor(run: PreparedRun, sensitivity: Sensitivity) -> dict[Row, float]:
+def floor_of_rows(run: PreparedRun, sensitivity: Sensitivity) -> dict[Row, float]:
     """Row → RMS of the residual from the sheet's noise."""
     squares = dict.fromkeys(run.rows, 0.0)
     for drawn in sensitivity.noises(np.random.default_rng(0), _DRAWS):

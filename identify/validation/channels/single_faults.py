@@ -35,6 +35,7 @@ from lacet.identify.validation.channels.evidence import (
     is_large,
     reach,
 )
+from lacet.identify.validation.channels.exchanged_pairs import ExchangedPair, exchanged_pairs
 from lacet.identify.validation.channels.fault_columns import (
     BLOCKS,
     LATE,
@@ -133,7 +134,7 @@ class Suspects:
     runs: Mapping[str, tuple[float, float]]
 
 
-EquationFault = ColumnFault | WrongPlace | Suspects | LateInstruments
+EquationFault = ColumnFault | WrongPlace | Suspects | LateInstruments | ExchangedPair
 """What the car's equations say of the channels of runs."""
 
 
@@ -147,8 +148,10 @@ def column_faults(runs: Sequence[PreparedRun]) -> list[EquationFault]:
     runs = [next(iter(run.pieces())) for run in runs if not all(row.combined for row in run.rows)]
     products = [FaultColumns.of(run) for run in runs]
     as_recorded = [(run, found) for run, found in zip(runs, products, strict=True) if found is not None]
-    late, each = _without_delays(as_recorded)
-    return [*late, *_of_columns(each)]
+    pairs = exchanged_pairs(as_recorded)
+    seen = {name for pair in pairs for name in pair.runs}
+    late, each = _without_delays([one for one in as_recorded if one[0].name not in seen])
+    return [*pairs, *late, *_of_columns(each)]
 
 
 def _without_delays(
