@@ -8,7 +8,7 @@ parameters of the car; in the other channels it is a first-order estimate.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -129,14 +129,19 @@ class FaultColumns:
     noise_of_delays: Array
 
     @classmethod
-    def of(cls, run: PreparedRun) -> FaultColumns | None:
-        """The products of a run, of a long one those of its first piece; None where no row can be formed."""
-        return next(iter(cls._of_rows(run, lambda rows: [rows])), None)
+    def of(cls, run: PreparedRun, lengths: Collection[Length] = ()) -> FaultColumns | None:
+        """The products of a run, of a long one those of its first piece; None where no row can be formed.
+
+        `lengths` : those of the vehicle file that are looked at; the columns of others are zero.
+        """
+        return next(iter(cls._of_rows(run, lambda rows: [rows], lengths)), None)
 
     @classmethod
-    def of_kinds(cls, run: PreparedRun, kinds: Sequence[str]) -> FaultColumns | None:
+    def of_kinds(cls, run: PreparedRun, kinds: Sequence[str], lengths: Collection[Length] = ()) -> FaultColumns | None:
         """The products of a run's rows of these kinds; None where it has none."""
-        parts = cls._of_rows(run, lambda rows: [own] if (own := tuple(r for r in rows if r.kind in kinds)) else [])
+        parts = cls._of_rows(
+            run, lambda rows: [own] if (own := tuple(r for r in rows if r.kind in kinds)) else [], lengths
+        )
         return next(iter(parts), None)
 
     @classmethod
@@ -147,7 +152,10 @@ class FaultColumns:
 
     @classmethod
     def _of_rows(
-        cls, run: PreparedRun, parts: Callable[[tuple[Row, ...]], Sequence[tuple[Row, ...]]]
+        cls,
+        run: PreparedRun,
+        parts: Callable[[tuple[Row, ...]], Sequence[tuple[Row, ...]]],
+        lengths: Collection[Length] = (),
     ) -> list[FaultColumns]:
         """The products of these parts of a run's rows; empty where no row can be formed."""
         run = next(iter(run.pieces()))
@@ -165,7 +173,7 @@ class FaultColumns:
         delays = _by_kind({c: {row: a[1::2] for row, a in one.faults.items()} for c, one in each})
         noises = _by_kind({c: one.noise for c, one in each})
         unit = [_of_position(run, sensitivity, axis) for axis in "xyz"]
-        lengths = length_columns(run, effects, theta)
+        of_lengths = length_columns(run, effects, theta, lengths)
         columns = [(channel, column) for channel in channels for column in CHANNELS[channel].columns]
         rig = recording.rig
         sigmas = np.array([rig.tolerance(channel, "zero") or rig.noise(channel) for channel, _ in columns])
@@ -176,7 +184,7 @@ class FaultColumns:
             found = [one.zeros[row].T for one in changes]
             found.append(run.matrix(effects, row))
             found += [some[row].T for some in (*delays.values(), *(one.faults for one in changes))]
-            found.append(np.stack([*(axis[row] for axis in unit), *lengths[row], run.measured[row]], axis=1))
+            found.append(np.stack([*(axis[row] for axis in unit), *of_lengths[row], run.measured[row]], axis=1))
             table = np.concatenate(found, axis=1) / floor[row]
             return np.stack([block.T @ block for block in np.array_split(table, BLOCKS)])
 

@@ -48,6 +48,7 @@ from lacet.identify.validation.channels.late_instruments import (
     in_common,
     late_instruments,
 )
+from lacet.identify.validation.channels.vehicle_lengths import Length
 from lacet.identify.validation.channels.wrong_places import WrongPlace, wrong_place
 
 _TWICE: Final = 2.0
@@ -146,7 +147,7 @@ def column_faults(runs: Sequence[PreparedRun]) -> list[EquationFault]:
     body alone the car's parameters take any scale of a column (the height of the centre of gravity that of a_x).
     """
     runs = [next(iter(run.pieces())) for run in runs if not all(row.combined for row in run.rows)]
-    products = [FaultColumns.of(run) for run in runs]
+    products = [FaultColumns.of(run, Length) for run in runs]
     as_recorded = [(run, found) for run, found in zip(runs, products, strict=True) if found is not None]
     pairs = exchanged_pairs(as_recorded)
     seen = {name for pair in pairs for name in pair.runs}
@@ -166,7 +167,7 @@ def _without_delays(
             out.append((run, found))
         else:
             late.append(fault.found)
-            out.append((fault.run, fault.products))
+            out.append((fault.run, FaultColumns.of(fault.run, Length) or fault.products))
     return in_common(late), out
 
 

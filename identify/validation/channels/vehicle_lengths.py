@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from enum import Enum
 from typing import Final
@@ -49,15 +49,23 @@ def _moved(corner: Corner, longer: Mapping[Length, float]) -> Corner:
     return replace(corner, position=(x if front else x - longer.get(Length.WHEELBASE, 0.0), y, z))
 
 
-def length_columns(run: PreparedRun, effects: Sequence[PhysicalEffect], theta: Array) -> dict[Row, Array]:
+def length_columns(
+    run: PreparedRun, effects: Sequence[PhysicalEffect], theta: Array, of: Collection[Length]
+) -> dict[Row, Array]:
     """What the left sides of a run's rows would have beside the laws (k, n), for each length 1 m longer than it says.
 
-    First order, at parameter values `theta` (p,) of `effects`.
+    First order, at parameter values `theta` (p,) of `effects`; zero for lengths that are not among those `of` interest.
     """
+    if not of:
+        return {row: np.zeros((len(Length), len(run.index[row]))) for row in run.rows}
     recording = run.recording
     before = residual(build_motion(recording), effects, theta)
     changes: dict[Row, list[Array]] = {row: [] for row in run.rows}
     for length in Length:
+        if length not in of:
+            for row, found in changes.items():
+                found.append(np.zeros_like(before[row]))
+            continue
         longer = replace(recording, vehicle=with_lengths(recording.vehicle, {length: _STEP}))
         after = residual(build_motion(longer), effects, theta)
         for row, found in changes.items():

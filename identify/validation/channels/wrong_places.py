@@ -158,7 +158,7 @@ def _shown(
 
 def _alone(runs: Sequence[PreparedRun], kinds: Sequence[str]) -> FaultColumns:
     """The products of the runs' rows of these kinds, of which some run has one."""
-    return FaultColumns.joined([of for run in runs if (of := FaultColumns.of_kinds(run, kinds)) is not None])
+    return FaultColumns.joined([of for run in runs if (of := FaultColumns.of_kinds(run, kinds, Length)) is not None])
 
 
 def _far(found: PlaceEstimate, blocks: int, least: float) -> NDArray[np.bool_]:
@@ -184,7 +184,7 @@ def _other_lengths(products: FaultColumns, runs: Sequence[PreparedRun], seconds:
         off, half = off + step.value, USUAL * step.spread
         longer = dict(zip(lengths, off.tolist(), strict=True))
         corrected = [PreparedRun(_with_lengths(run.recording, longer), is_piece=True) for run in runs]
-        again = [of for run in corrected if (of := FaultColumns.of(run)) is not None]
+        again = [of for run in corrected if (of := FaultColumns.of(run, lengths)) is not None]
         if len(again) < len(runs):
             return None
         found = FaultColumns.joined(again)

@@ -92,7 +92,7 @@ def test_a_unit_that_only_suspension_and_tyre_rows_want_elsewhere_is_where_the_r
     )
     right = {run.name: FaultColumns.of_kinds(run, ["chassis"]) for run in sound}
     assert right["sine"].count < FaultColumns.of(off[0]).count
-    monkeypatch.setattr(FaultColumns, "of_kinds", lambda run, kinds: right[run.name])
+    monkeypatch.setattr(FaultColumns, "of_kinds", lambda run, kinds, lengths: right[run.name])
     assert not [found for found in column_faults(off) if isinstance(found, Misplaced)]
 
 

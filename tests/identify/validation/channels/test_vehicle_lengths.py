@@ -38,7 +38,7 @@ def test_columns_of_the_lengths_are_the_change_of_the_equations() -> None:
     (run,) = runs(VEHICLE, "sine")
     effects = [effect for effect in catalogue(VEHICLE, RIG.wheel_reference).values() if effect.base]
     theta = np.full(sum(len(effect.parameters) for effect in effects), 100.0)
-    columns = length_columns(run, effects, theta)
+    columns = length_columns(run, effects, theta, [Length.WHEELBASE])
     (short,) = runs(with_lengths(VEHICLE, {Length.WHEELBASE: -0.01}), "sine")
     before, after = (residual(build_motion(one.recording), effects, theta) for one in (run, short))
     change = run.decimated({row: after[row] - before[row] for row in run.rows})
