@@ -31,6 +31,9 @@ _SHIFTS = 4
 """Largest number of times that a delay is removed and estimated again [count]."""
 _SETTLED = 0.05
 """Part of a delay from which what remains of it is removed, too [ratio]. Source: its interval is about as wide."""
+_MOST = 0.5
+"""Part of what remains, in weighted squares, that a delay explains where it is its cause [share]. Source: the larger
+part."""
 _MADE = 0.5
 """Part of a law's size that the positions' noise moves it by, from which it may have made it [ratio]. Source: the
 larger part."""
@@ -118,9 +121,11 @@ def late_torques(fitted: ChainFit, recorded: Recorded, filters: Filters) -> Late
 
     A late torque is what the model needs, less its rate times the delay. It is removed and estimated again, as the
     rate's own noise makes a first estimate small. It matters where that is more than the user's effect size of the
-    torques.
+    torques, or most of what remains beside the model: a delay of one sample may be less than the effect size and still
+    many times the noise.
     """
     delay, half = 0.0, 0.0
+    remains = _squares(fitted, fitted.sigma)
     scale = np.where(fitted.used, fitted.weights / fitted.sigma, 0.0)
     for _ in range(_SHIFTS):
         shifted = _earlier(recorded, delay)
@@ -130,12 +135,18 @@ def late_torques(fitted: ChainFit, recorded: Recorded, filters: Filters) -> Late
         found = solved_together(np.concatenate([fitted.W, -late[:, :, None]], axis=2), y, fitted.used, fitted.weights)
         step = float(found.x[-1])
         delay, half = delay + step, serial_quantile(len(late)) * float(np.sqrt(found.covariance[-1, -1]))
-        matters = abs(delay) * np.linalg.norm(late * scale) > SELECTION.effect_size * np.linalg.norm(y * scale)
-        if not matters or abs(delay) < half:
+        large = abs(delay) * np.linalg.norm(late * scale) > SELECTION.effect_size * np.linalg.norm(y * scale)
+        cause = remains - _squares(fitted, found.sigma) > _MOST * remains
+        if not (large or cause) or abs(delay) < half:
             return None
         if abs(step) < max(half, _SETTLED * abs(delay)):
             break
     return LateTorques(delay, half)
+
+
+def _squares(fitted: ChainFit, sigma: Array) -> float:
+    """Squares of equations with σ of each joint (f,) [N·m, N], with the fit's weights."""
+    return float(np.sum(np.count_nonzero(fitted.used, axis=0) * (sigma / fitted.sigma) ** 2))
 
 
 def _earlier(recorded: Recorded, delay: float) -> Recorded:

@@ -94,6 +94,19 @@ def test_torques_that_are_late_are_said_to_be_that(delay: float):
     assert one.rank().verdict == "unsound fit"
 
 
+def test_torques_late_by_one_sample_are_said_to_be_that():
+    """Less than the effect size, and most of what remains: no small rest; laws that are missing are no such delay."""
+    q, tau = exact(31, 20.0)
+    rng = np.random.default_rng(31)
+    tau = tau + 0.05 * NOISE * rng.standard_normal(tau.shape)
+    late = identify_chain(ARM, q[1:], tau[:-1], rate=RATE).doubts.late
+    assert late is not None
+    assert late.delay == pytest.approx(1.0 / RATE, abs=late.half)
+    assert identify_chain(ARM, q, tau, rate=RATE).doubts.late is None
+    sprung = tau + np.outer(40.0 * (q[:, 1] - 0.3), [0.0, 1.0, 0.0, 0.0])
+    assert identify_chain(ARM, q, sprung, rate=RATE).doubts.late is None
+
+
 def test_one_joint_s_late_torque_is_not_that_of_all():
     """As of one elastic joint."""
     _, tau = record(31)
