@@ -4,6 +4,10 @@ A candidate's columns are reduced by the model's (Frisch, Waugh, Lovell). Its sc
 squares. Chance is a wild bootstrap of the scores by blocks (Kline and Santos 2012): each block's part of the score
 keeps its size and gets a random sign, after the candidate is fitted to the residual. S ÷ its mean over these
 draws is compared with the largest of all candidates' (max-score statistic, Westfall and Young 1993).
+
+First moments that gravity acts on only where the base leans are unknown beside an inclination: their columns are those
+of any torque that goes with the sine and cosine of an upright joint. They are fitted to the residual first, and an
+inclination is judged by its own column beside theirs, which other joints show, too.
 """
 
 from __future__ import annotations
@@ -125,6 +129,17 @@ class _Trial:
     effect: JointEffect
     columns: Array
     whole: Array
+
+    def judged(self, residual: Array) -> tuple[Array, Array]:
+        """(r, j) columns of the law's own parameters, and the residual (r,), less those of the unknowns beside it."""
+        count = len(self.effect.letters)
+        further = self.columns[:, count:]
+        if not further.size:
+            return self.columns, residual
+        basis = _orthonormal(further)
+        both = np.column_stack([self.columns[:, :count], residual])
+        both = both - basis @ (basis.T @ both)
+        return both[:, :count], both[:, count]
 
 
 def rank_chain(
@@ -319,13 +334,13 @@ def _tested(trials: Sequence[_Trial], residual: Array, rows: _Rows) -> list[Join
     signs = rng.choice([-1.0, 1.0], (_DRAWS, rows.blocks))
     best: dict[str, tuple[float, Array, _Trial, Array]] = {}
     for trial in trials:
-        X = trial.columns
+        X, rest = trial.judged(residual)
         G = X.T @ X
-        beta = np.asarray(np.linalg.solve(G, X.T @ residual), float)
+        beta = np.asarray(np.linalg.solve(G, X.T @ rest), float)
         score = float(beta @ G @ beta)
         # The candidate is out of the residual: only chance remains in its parts.
         parts = np.zeros((rows.blocks, X.shape[1]))
-        np.add.at(parts, rows.block, X * (residual - X @ beta)[:, None])
+        np.add.at(parts, rows.block, X * (rest - X @ beta)[:, None])
         drawn = signs @ parts * np.sqrt(rows.blocks / (rows.blocks - 1.0))
         null = np.sum(drawn * np.asarray(np.linalg.solve(G, drawn.T), float).T, axis=1)
         before = best.get(trial.effect.key)
@@ -348,15 +363,14 @@ def _tested(trials: Sequence[_Trial], residual: Array, rows: _Rows) -> list[Join
 
 def _answered(trial: _Trial, beta: Array, p: float, residual: Array, rows: _Rows) -> JointCandidate:
     """The candidate with sizes `beta` and probability `p`, and what follows."""
-    gain, enough = _gain(trial.columns, residual, rows)
-    sizes = beta[: len(trial.effect.letters)]
+    gain, enough = _gain(*trial.judged(residual), rows)
     answer = JointAnswer.NOT_NEEDED
     if p <= SELECTION.level(_DRAWS) and gain >= SELECTION.least_gain:
-        large = enough or (gain > _MOST and _exceeds(trial.whole @ beta, rows))
+        large = enough or (gain > _MOST and _exceeds(trial.whole[:, : len(beta)] @ beta, rows))
         answer = JointAnswer.MISSING if large else JointAnswer.SMALL
-        if (trial.effect.passive and np.any(sizes < 0.0)) or np.any(np.abs(sizes) > trial.effect.largest):
+        if (trial.effect.passive and np.any(beta < 0.0)) or np.any(np.abs(beta) > trial.effect.largest):
             answer = JointAnswer.IMPLAUSIBLE
-    return JointCandidate(trial.effect, 100.0 * gain, p, tuple(float(x) for x in sizes), answer)
+    return JointCandidate(trial.effect, 100.0 * gain, p, tuple(float(x) for x in beta), answer)
 
 
 def _refined(

@@ -116,6 +116,17 @@ def test_a_base_that_leans_is_named_with_the_first_moments_that_gravity_then_act
     assert low < VALUES["MX1"] < high
 
 
+def test_a_cable_at_an_upright_joint_is_no_base_that_leans():
+    """Its torque goes with the position's cube, or its sine: the first moments that an inclination would need are free,
+    and the other joints show none. What remains is said to be at that joint.
+    """
+    q = exact(4, 30.0)[0][:, 0]
+    for cable in (2.0 * q**3, 5.0 * np.sin(q)):
+        ranking = found(4, np.outer(cable, [1.0, 0.0, 0.0, 0.0])).rank()
+        assert not [effect.key for effect in ranking.missing if isinstance(effect, BaseInclination)]
+        assert {*ranking.unlisted, *(one.joint for one in ranking.failing)} == {ARM.names[0]}
+
+
 def test_what_is_explained_is_a_part_of_the_measured_torque():
     """Whatever is known otherwise of the positions, here an encoder's zero."""
     plain = found(5, moved=np.array([0.0, 0.02, 0.0, 0.0]))
