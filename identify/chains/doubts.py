@@ -1,4 +1,4 @@
-"""What makes a fitted chain unsound: signs of torques, values that cannot be, noise of positions, few equations."""
+"""What makes a fitted chain unsound: signs, delays, order of columns, impossible values, noise, few equations."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lacet.identify.chains.effects import AsymmetricCoulomb, CoulombFriction, JointEffect, ViscousFriction
+from lacet.identify.chains.exchanges import ExchangedJoints
 from lacet.identify.chains.fit import ChainEstimate, ChainFit, fit_chain
 from lacet.identify.chains.samples import JointSamples, Recorded
 from lacet.identify.chains.weights import FEW, serial_quantile, solved_together
@@ -79,6 +80,8 @@ class Doubts:
     few : whether a joint has so few equations that its noise is hardly known (`FEW`).
     in_degrees : whether the positions of turning joints are degrees (`in_degrees`).
     late : delay of all torques behind the positions, where it matters (`late_torques`).
+    exchanged : two joints whose columns are exchanged (`exchanged_joints`); what would follow from that is no doubt
+        beside it: signs of torques, delays, values that cannot be.
     """
 
     turned: tuple[TurnedTorque, ...] = ()
@@ -88,16 +91,22 @@ class Doubts:
     in_degrees: bool = False
     late: LateTorques | None = None
     moved: Mapping[str, float] = field(default_factory=dict[str, float])
+    exchanged: ExchangedJoints | None = None
 
 
-def doubts_of(fitted: ChainFit, bias: Array, degrees: bool = False, late: LateTorques | None = None) -> Doubts:
-    """All reasons that a fit itself gives, beside the bias (b,) by noise of the positions, their unit and delays."""
+def doubts_of(
+    fitted: ChainFit, bias: Array, degrees: bool = False, late: LateTorques | None = None,
+    exchanged: ExchangedJoints | None = None,
+) -> Doubts:  # fmt: skip
+    """Reasons that a fit itself gives, beside the bias (b,) by noise of the positions, their unit, delays, order."""
     names = [fitted.base.names[int(k)] for k in fitted.base.independent]
     moved = {one.name: abs(float(bias[names.index(one.name)])) for one in fitted.estimates}
     biased = tuple(one for one in fitted.estimates if moved[one.name] > SELECTION.confounded_interval * one.half)
     known = {one.name for one in biased}
     wrong = tuple(one for one in fitted.wrong_signs if one.name not in known)
     few, by = bool(np.any(fitted.freedom < FEW)), {one.name: moved[one.name] for one in biased}
+    if exchanged is not None:
+        return Doubts(biased=biased, few=few, in_degrees=degrees, moved=by, exchanged=exchanged)
     return Doubts(turned_torques(fitted), wrong, biased, few, degrees, late, by)
 
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from lacet.daq.errors import UsageError
 from lacet.identify.chains.doubts import Doubts, accounted_for, doubts_of, in_degrees, late_torques, noise_bias
 from lacet.identify.chains.effects import ExternalForce, JointEffect
+from lacet.identify.chains.exchanges import exchanged_joints
 from lacet.identify.chains.fit import ChainEstimate, ChainFit, fit_chain
 from lacet.identify.chains.model import ChainModel
 from lacet.identify.chains.ranking import ChainRanking, JointCandidate, rank_chain
@@ -98,13 +99,14 @@ class IdentifiedChain:
 
     @cached_property
     def doubts(self) -> Doubts:
-        """What makes the fit unsound: signs or delay of torques, unit or noise of positions, wrong signs, few
-        equations."""
+        """What makes the fit unsound: signs or delay of torques, exchanged joints, unit or noise of positions, wrong
+        signs, few equations."""
         with one_thread():
             bias = noise_bias(self.fitted, self._recorded, self.filters, self.noise[0])
             degrees = in_degrees(self.fitted, self._recorded, self.filters, self.slowest)
             late = late_torques(self.fitted, self._recorded, self.filters)
-            return doubts_of(self.fitted, bias, degrees, late)
+            exchanged = exchanged_joints(self.fitted, self._recorded, self.filters, self.slowest)
+            return doubts_of(self.fitted, bias, degrees, late, exchanged)
 
     @cached_property
     def _noise(self) -> NDArray[np.float64]:
@@ -153,7 +155,11 @@ class IdentifiedChain:
         with one_thread():
             ranking = rank_chain(self.fitted, self._samples, self.scores, candidates)
         doubts = self.doubts
-        if ranking.missing and not doubts.turned and (doubts.wrong_signs or doubts.biased or doubts.late):
+        if (
+            ranking.missing
+            and not (doubts.turned or doubts.exchanged)
+            and (doubts.wrong_signs or doubts.biased or doubts.late)
+        ):
             doubts = accounted_for(doubts, self.with_effects(*ranking.missing).doubts, ranking.missing)
         return RankedLaws(ranking, self.scores, doubts)
 

@@ -133,6 +133,14 @@ def _doubts(doubts: Doubts) -> list[str]:
         "turn its sign, or that of its position"
         for one in doubts.turned
     ]
+    if doubts.exchanged is not None:
+        one = doubts.exchanged
+        columns = ", or in ".join(one.columns)
+        errors = [" and ".join(f"{x:.3g}" for x in sigma) for sigma in (one.exchanged, one.sigma)]
+        out.append(
+            f"the columns of {one.joints[0]} and {one.joints[1]} fit exchanged in {columns} (errors {errors[0]} in "
+            f"place of {errors[1]}): exchange them"
+        )
     if doubts.in_degrees:
         out.insert(0, "the positions of turning joints are degrees, by their size and as each joint fits: give radians")
     if doubts.late is not None:
