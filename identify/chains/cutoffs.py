@@ -9,7 +9,6 @@ import numpy as np
 from lacet.identify.chains.weights import ENOUGH
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import derivative, two_pass_gain, zero_phase
-from lacet.identify.signals.noise_level import white_noise
 
 PRE = 5.0
 """Cut-off of the pre-filter ÷ that of the fit, as in published identifications of robots (Gautier: 5 to 10)."""
@@ -54,15 +53,14 @@ class FewEquations:
         )
 
 
-def default_cutoff(q: Array, rate: float, values: int) -> float:
-    """Cut-off [Hz] of a fit of so many values to positions (N, f) sampled at `rate` [Hz].
+def default_cutoff(q: Array, rate: float, values: int, sigma: Array) -> float:
+    """Cut-off [Hz] of a fit of so many values to positions (N, f) sampled at `rate` [Hz], with white noise σ (f,).
 
     It is that of the motion, and in a short record higher, until every joint has `ENOUGH` equations beyond the values;
     but above the motion's only as far as the accelerations' noise, after the pre-filter, is without weight at every
     joint.
     """
     seconds = len(q) / rate
-    sigma = white_noise(q)
     motion, acceleration = _motion(q, rate, sigma)
     enough = (2.0 * EDGE + (values + ENOUGH) / _EQUATIONS) / seconds
     lowest = max(motion, _SHORTEST / seconds)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lacet.identify.chains.effects import AsymmetricCoulomb, CoulombFriction, JointEffect, ViscousFriction
 from lacet.identify.chains.exchanges import ExchangedJoints
 from lacet.identify.chains.fit import ChainEstimate, ChainFit, fit_chain
+from lacet.identify.chains.gaps import Gap, Leap
 from lacet.identify.chains.samples import JointSamples, Recorded
 from lacet.identify.chains.weights import FEW, serial_quantile, solved_together
 from lacet.identify.multibody.vectors import Array
@@ -82,6 +83,8 @@ class Doubts:
     late : delay of all torques behind the positions, where it matters (`late_torques`).
     exchanged : two joints whose columns are exchanged (`exchanged_joints`); what would follow from that is no doubt
         beside it: signs of torques, delays, values that cannot be.
+    gaps, leaps : times without samples that are not fitted, and positions that leap. They are no doubt of what is
+        fitted.
     """
 
     turned: tuple[TurnedTorque, ...] = ()
@@ -92,6 +95,8 @@ class Doubts:
     late: LateTorques | None = None
     moved: Mapping[str, float] = field(default_factory=dict[str, float])
     exchanged: ExchangedJoints | None = None
+    gaps: tuple[Gap, ...] = ()
+    leaps: tuple[Leap, ...] = ()
 
 
 def doubts_of(

@@ -199,10 +199,12 @@ def fit_chain(model: ChainModel, samples: JointSamples, slowest: Array, robust: 
         uncertain there.
     robust : whether seconds with large residuals count less.
 
-    Raises NotIdentifiable when there is no equation for a joint, or fewer than parameters.
+    Raises NotIdentifiable when there is no equation, none for a joint, or fewer than parameters.
     """
     keep = model.base.independent
     kept = samples.kept
+    if not kept.size:
+        raise NotIdentifiable("nothing of the record remains between its gaps and the filters' transients there")
     used = np.abs(samples.qd[kept]) >= slowest
     record = len(samples.q) / samples.filters.rate, samples.filters.fit_cutoff
     standard: Array | None = None

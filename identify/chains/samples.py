@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,10 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 from lacet.daq.errors import UsageError
 from lacet.identify.chains.cutoffs import EDGE, ORDER, PRE, default_cutoff
 from lacet.identify.chains.effects import ExternalForce
+from lacet.identify.chains.gaps import Gap, Leap, bridged, continuous, missing_at, on_grid, uniform_times, without_leaps
 from lacet.identify.multibody.chain import Chain
 from lacet.identify.multibody.vectors import Array, cross
-from lacet.identify.signals.filters import Filters, bring_to_grid, derivative, two_pass_gain, zero_phase
+from lacet.identify.signals.filters import Filters, derivative, two_pass_gain, zero_phase
+from lacet.identify.signals.noise_level import white_noise
 
+_BRIDGED = 0.5
+"""Longest gap that is bridged × cut-off of the pre-filter: samples that far apart still hold what passes it (sampling
+theorem). A longer one is not fitted, nor what the filters carry over from it."""
 _OVERSAMPLING = 10.0
 """Working rate ÷ cut-off of the pre-filter: differences of eighth order are then exact to 1 in 10⁶ up to it."""
 
@@ -30,6 +35,9 @@ class Recorded:
     qd, qdd : (N, f) their derivatives where they were given.
     rate : [Hz].
     external : forces on bodies.
+    gaps : (g, 2) time of the sample before samples that are missing by their times, and time to the next one [s].
+    leaps : positions that leap. Both are bridged in `q` and `tau`.
+    missing : (N,) which samples are not there.
     """
 
     q: Array
@@ -38,6 +46,9 @@ class Recorded:
     qd: Array | None = None
     qdd: Array | None = None
     external: tuple[ExternalForce, ...] = ()
+    gaps: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
+    leaps: tuple[Leap, ...] = ()
+    missing: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool), repr=False)
 
     @classmethod
     def read(
@@ -58,27 +69,30 @@ class Recorded:
             for x in (force.force, force.moment):
                 if x is not None and np.shape(x) != (len(q_), 3):
                     raise UsageError(f"external forces must have the shape ({len(q_)}, 3), found {np.shape(x)}")
+        gaps = np.zeros((0, 2))
+        missing = np.zeros(len(q_), bool)
         if (rate is None) == (t is None):
             raise UsageError("give either the sample rate (rate=5000) or the times of the samples (t=…)")
         if t is not None:
             times = np.asarray(t, float)
             if times.shape != (len(q_),) or not np.all(np.diff(times) > 0.0):
                 raise UsageError(f"t must be {len(q_)} increasing times, found the shape {times.shape}")
-            rate = (len(times) - 1) / float(times[-1] - times[0])
-            grid = times[0] + np.arange(len(times)) / rate
-            grid[-1] = times[-1]
-            if np.max(np.abs(grid - times)) > 1e-3 / rate:
-                q_, tau_ = (bring_to_grid(times, x, grid, None, ORDER).T for x in (q_, tau_))
-                rates = [None if x is None else bring_to_grid(times, x, grid, None, ORDER).T for x in rates]
+            grid, rate, gaps = uniform_times(times)
+            if len(grid) != len(times) or np.max(np.abs(grid - times)) > 1e-3 / rate:
+                missing = missing_at(times, grid)
+                q_, tau_ = on_grid(times, q_, grid), bridged(on_grid(times, tau_, grid), missing, False)
+                rates = [None if x is None else on_grid(times, x, grid) for x in rates]
                 external = [
                     replace(
-                        one, force=bring_to_grid(times, np.asarray(one.force), grid, None, ORDER).T,
-                        moment=None if one.moment is None else bring_to_grid(times, one.moment, grid, None, ORDER).T,
+                        one, force=bridged(on_grid(times, np.asarray(one.force, float), grid), missing, False),
+                        moment=None if one.moment is None
+                        else bridged(on_grid(times, np.asarray(one.moment, float), grid), missing, False),
                     ) for one in external
                 ]  # fmt: skip
         assert rate is not None
         if not rate > 0.0:
             raise UsageError(f"the rate must be positive, found {rate:g} Hz")
+        q_, leaps = without_leaps(q_, rate)
         if motors is not None:
             C = np.asarray(motors, float)
             if C.shape != (count, count) or np.linalg.matrix_rank(C) < count:
@@ -91,7 +105,7 @@ class Recorded:
             if offset.shape != (count,):
                 raise UsageError(f"zero must be {count} positions, found the shape {offset.shape}")
             q_ = q_ + offset
-        return cls(q_, tau_, rate, rates[0], rates[1], tuple(external))
+        return cls(q_, tau_, rate, rates[0], rates[1], tuple(external), gaps, leaps, missing)
 
     def filters(self, cutoff: float | None, pre_cutoff: float | None, values: int = 0) -> Filters:
         """Filters of a fit of so many values up to `cutoff` [Hz] (by default `default_cutoff`), at the working rate.
@@ -99,7 +113,8 @@ class Recorded:
         Raises UsageError for filters that cannot be.
         """
         if cutoff is None:
-            cutoff = default_cutoff(self.q, self.rate, values)
+            q = continuous(self.q, self.rate, self.leaps)
+            cutoff = default_cutoff(q, self.rate, values, self.noise_of(q, True))
         pre = pre_cutoff or min(PRE * cutoff, 0.4 * self.rate)
         work = max(1, math.floor(self.rate / (_OVERSAMPLING * pre)))
         try:
@@ -113,6 +128,17 @@ class Recorded:
             )
         return found
 
+    def noise_of(self, values: Array, smooth: bool) -> Array:
+        """(f,) σ of the white noise of values (N, f), which were bridged where samples are missing (`bridged`).
+
+        What is bridged has less noise at the upper end of the spectrum: as much less as drawn noise has there.
+        """
+        found = white_noise(values)
+        if not self.missing.any():
+            return found
+        drawn = np.random.default_rng(5).standard_normal((len(values), 1))
+        return found / np.maximum(white_noise(bridged(drawn, self.missing, smooth)) / white_noise(drawn), 1e-300)
+
     def rate_noise(self, filters: Filters, sigma: Array) -> Array:
         """(f,) σ of the joint rates after the pre-filter [rad/s, m/s], from σ of white noise of the positions."""
         assert filters.pre_cutoff is not None
@@ -123,6 +149,10 @@ class Recorded:
     def samples(self, filters: Filters, noise: tuple[Array, Array] | None = None) -> JointSamples:
         """The samples filtered and differentiated, at the working rate; `noise` (N, f) of both added first."""
         added = noise or (np.zeros((1, 1)), np.zeros((1, 1)))
+        if len(added[0]) > 1 and self.missing.any():
+            added = bridged(added[0], self.missing, True), added[1]
+        if len(added[1]) > 1 and self.missing.any():
+            added = added[0], bridged(added[1], self.missing, False)
         work = round(self.rate / filters.rate)
         assert filters.pre_cutoff is not None
         pre = filters.pre_cutoff
@@ -140,7 +170,16 @@ class Recorded:
             for one in self.external
         )  # fmt: skip
         q, qd, qdd, tau = (np.ascontiguousarray(x[:, ::work].T) for x in (q, qd, qdd, tau))
-        return JointSamples(q, qd, qdd, tau, loads, filters, work)
+        leaps = [one for one in self.leaps if one.lasts or one.seconds > _BRIDGED / pre]
+        omitted = [*self.omitted(filters), *leaps]
+        times = np.array([(one.start, one.start + one.seconds) for one in omitted]).reshape(-1, 2)
+        return JointSamples(q, qd, qdd, tau, loads, filters, work, times)
+
+    def omitted(self, filters: Filters) -> tuple[Gap, ...]:
+        """The gaps that are too long to be bridged: equations that the filters carry them into are not formed."""
+        assert filters.pre_cutoff is not None
+        long = self.gaps[self.gaps[:, 1] > _BRIDGED / filters.pre_cutoff]
+        return tuple(Gap(float(start), float(seconds)) for start, seconds in long)
 
 
 @dataclass(frozen=True)
@@ -148,6 +187,7 @@ class JointSamples:
     """States and torques (N, f) of the free joints at the working rate, all filtered alike.
 
     `external` : forces at the same samples. `filters` : of the equations. `recorded` : samples of the record for each.
+    `omitted` : (g, 2) begin and end of what is not fitted [s].
     """
 
     q: Array
@@ -157,14 +197,18 @@ class JointSamples:
     external: tuple[ExternalForce, ...]
     filters: Filters
     recorded: int = 1
+    omitted: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
     @property
     def kept(self) -> NDArray[np.intp]:
-        """(m,) places of the samples that decimation keeps, without the filters' transients."""
+        """(m,) places of the samples that decimation keeps, without the filters' transients at ends and gaps."""
         filters = self.filters
         places = np.arange(filters.step // 2, len(self.q), filters.step)
         edge = filters.edge * filters.rate
-        return places[(places >= edge) & (places < len(self.q) - edge)]
+        inside = (places >= edge) & (places < len(self.q) - edge)
+        for start, stop in self.omitted * filters.rate:
+            inside &= (places <= start - edge) | (places >= stop + edge)
+        return places[inside]
 
     def part(self, part: slice) -> JointSamples:
         """Some of the samples."""

@@ -21,7 +21,6 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.signals.decimation import decimated
 from lacet.identify.signals.filters import Filters
-from lacet.identify.signals.noise_level import white_noise
 
 _DRAWS = 19
 """Simulated records behind a noise floor: as few as give a p of `SelectionSettings.failing_chance`, 5 %, and a floor
@@ -73,7 +72,8 @@ def measured_noise(fitted: ChainFit, recorded: Recorded, filters: Filters) -> tu
     Of torques less the model's, whose friction jumps at every turn and would count as noise.
     """
     samples = recorded.samples(replace(filters, rate=recorded.rate))
-    return white_noise(recorded.q), white_noise(recorded.tau - fitted.model.torques(samples, fitted.standard))
+    torques = recorded.tau - fitted.model.torques(samples, fitted.standard)
+    return recorded.noise_of(recorded.q, True), recorded.noise_of(torques, False)
 
 
 def drawn_noise(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -30,7 +30,6 @@ from lacet.identify.chains.scores import (
 from lacet.identify.chains.verdicts import ChainVerdict, failing_joints, verdict_of
 from lacet.identify.multibody.chain import Chain
 from lacet.identify.signals.filters import Filters
-from lacet.identify.signals.noise_level import white_noise
 from lacet.services.library.display import html_table, shortened
 from lacet.services.one_thread import one_thread
 from lacet.services.render import chain_fit
@@ -106,7 +105,8 @@ class IdentifiedChain:
             degrees = in_degrees(self.fitted, self._recorded, self.filters, self.slowest)
             late = late_torques(self.fitted, self._recorded, self.filters)
             exchanged = exchanged_joints(self.fitted, self._recorded, self.filters, self.slowest)
-            return doubts_of(self.fitted, bias, degrees, late, exchanged)
+            found = doubts_of(self.fitted, bias, degrees, late, exchanged)
+        return replace(found, gaps=self._recorded.omitted(self.filters), leaps=self._recorded.leaps)
 
     @cached_property
     def _noise(self) -> NDArray[np.float64]:
@@ -300,7 +300,7 @@ def _slowest(given: ArrayLike | None, recorded: Recorded, filters: Filters) -> N
     """(f,) rates below which equations do not count."""
     count = recorded.q.shape[1]
     if given is None:
-        return 3.0 * recorded.rate_noise(filters, white_noise(recorded.q))
+        return 3.0 * recorded.rate_noise(filters, recorded.noise_of(recorded.q, True))
     limit = np.asarray(given, float)
     if limit.shape not in ((), (count,)) or not np.all(limit >= 0.0):
         raise UsageError(f"slowest must be one rate or {count} of them, found {given!r}")

@@ -15,6 +15,7 @@ from lacet.identify.chains.scores import JointScore
 from lacet.identify.chains.verdicts import ChainVerdict, failing_joints, verdict_of
 from lacet.identify.multibody.rigid_body import PARAMETERS, UNITS
 from lacet.identify.selection.settings import SELECTION
+from lacet.services.render.chain_gaps import gaps_text
 from lacet.services.render.intervals import half_width, to_interval, with_interval
 
 _UNITS = {
@@ -117,7 +118,7 @@ def fit_head(fitted: ChainFit, cutoff: float, doubts: Doubts) -> str:
     if fitted.unseen:
         said += f"; this motion does not determine {', '.join(fitted.unseen)}"
     few = FewEquations(fitted.seconds, int(fitted.used.sum()), fitted.cutoff, len(fitted.estimates))
-    return _sentences([said, *([str(few)] if doubts.few else []), *_doubts(doubts)])
+    return _sentences([said, *([str(few)] if doubts.few else []), *_doubts(doubts), *gaps_text(fitted, doubts)])
 
 
 def _sentences(parts: Sequence[str]) -> str:

@@ -25,13 +25,18 @@ def test_noise_is_no_motion(noise: float):
         np.testing.assert_allclose(acceleration, exact, rtol=0.1)
 
 
+def cutoff(q: np.ndarray, values: int) -> float:
+    """The default cut-off of a fit of so many values [Hz]."""
+    return default_cutoff(q, RATE, values, white_noise(q))
+
+
 def test_a_short_record_is_fitted_higher_until_noise_counts():
     """20 s: as high as 36 values ask for; with louder positions lower, down to what the record must have at least."""
-    found = [default_cutoff(record(1, 20.0, noise)[0], RATE, 36) for noise in (1e-6, 2e-4, 1e-3, 1e-2)]
+    found = [cutoff(record(1, 20.0, noise)[0], 36) for noise in (1e-6, 2e-4, 1e-3, 1e-2)]
     assert found[0] == pytest.approx((9.0 + 86.0 / 2.2) / 20.0)
     assert found[0] > found[1] > found[2] >= found[3] == pytest.approx(18.0 / 20.0)
     assert enough_seconds(36, found[0]) == pytest.approx(20.0)
-    assert default_cutoff(record(1, 20.0)[0], RATE, 10) < found[0]
+    assert cutoff(record(1, 20.0)[0], 10) < found[0]
 
 
 def test_a_joint_has_the_equations_that_were_counted_on():

@@ -1,0 +1,35 @@
+"""Gaps of a robot's record in words: times without samples, and positions that leap."""
+
+from __future__ import annotations
+
+from lacet.identify.chains.doubts import Doubts
+from lacet.identify.chains.fit import ChainFit
+
+
+def gaps_text(fitted: ChainFit, doubts: Doubts) -> list[str]:
+    """What of the record is not fitted, and why, in a sentence each."""
+    out: list[str] = []
+    if doubts.gaps:
+        longest = max(doubts.gaps, key=lambda gap: gap.seconds)
+        count = f"the longest of {len(doubts.gaps)} gaps" if len(doubts.gaps) > 1 else "a gap"
+        out.append(
+            f"no samples from {longest.start:.4g} s to {longest.start + longest.seconds:.4g} s, {count}: what the "
+            "filters carry over from it is not fitted"
+        )
+    chain = fitted.model.chain
+    for k, j in enumerate(chain.coupling.free):
+        unit = "m" if chain.joints[j - 1].sigma == 1 else "rad"
+        for lasts in (False, True):
+            if not (leaps := [leap for leap in doubts.leaps if leap.joint == k and leap.lasts is lasts]):
+                continue
+            often = f" ({len(leaps)} times)" if len(leaps) > 1 else ""
+            what = (
+                f"the position of {chain.names[j - 1]} leaps at {leaps[0].start:.4g} s{often} by up to "
+                f"{max(leap.size for leap in leaps):.3g} {unit}"
+            )
+            out.append(
+                f"{what}, and goes on from there: a count was lost, or samples are missing (give their times, t=…)"
+                if lasts
+                else f"{what} and back: those samples are not fitted"
+            )
+    return out
