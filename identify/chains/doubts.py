@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from lacet.identify.chains.clipping import ClippedTorque
 from lacet.identify.chains.effects import AsymmetricCoulomb, CoulombFriction, JointEffect, ViscousFriction
 from lacet.identify.chains.exchanges import ExchangedJoints
 from lacet.identify.chains.fit import ChainEstimate, ChainFit, fit_chain
@@ -24,6 +25,9 @@ _ALIKE = 1e-6
 """Difference of two likelihoods ÷ either at which two choices of signs are one: all signs turned [ratio]: numerical."""
 _PAIRS = 8
 """Draws of noise, each added and subtracted, where the first show that it may matter [count]. Source: its time."""
+_SLOW = 5.0
+"""Sample rate below which times may be milliseconds, or the rate kHz [Hz]: controllers of joints sample faster, and up
+to a thousand times that."""
 _TURNS = 4.0 * np.pi
 """Positions beyond which a turning joint may be given in degrees [rad]: few joints turn twice."""
 _CLEARLY = 0.5
@@ -83,6 +87,8 @@ class Doubts:
     late : delay of all torques behind the positions, where it matters (`late_torques`).
     exchanged : two joints whose columns are exchanged (`exchanged_joints`); what would follow from that is no doubt
         beside it: signs of torques, delays, values that cannot be.
+    in_milliseconds : whether the times of the samples are milliseconds (`in_milliseconds`).
+    clipped : torques that stop at a largest value (`clipped_torques`).
     gaps, leaps : times without samples that are not fitted, and positions that leap. They are no doubt of what is
         fitted.
     """
@@ -95,6 +101,8 @@ class Doubts:
     late: LateTorques | None = None
     moved: Mapping[str, float] = field(default_factory=dict[str, float])
     exchanged: ExchangedJoints | None = None
+    in_milliseconds: bool = False
+    clipped: tuple[ClippedTorque, ...] = ()
     gaps: tuple[Gap, ...] = ()
     leaps: tuple[Leap, ...] = ()
 
@@ -127,6 +135,23 @@ def in_degrees(fitted: ChainFit, recorded: Recorded, filters: Filters, slowest: 
     qd, qdd = (None if x is None else x * unit for x in (recorded.qd, recorded.qdd))
     turned = replace(recorded, q=recorded.q * unit, qd=qd, qdd=qdd)
     other = fit_chain(fitted.model, turned.samples(filters), slowest * unit)
+    return bool(np.all(other.sigma < _CLEARLY * fitted.sigma))
+
+
+def in_milliseconds(fitted: ChainFit, recorded: Recorded, filters: Filters, slowest: Array) -> bool:
+    """Whether the samples' times are milliseconds: they are far apart, and each joint fits far better as such.
+
+    `slowest` : (f,) rates below which a joint's equations are not fitted [rad/s, m/s], as in the fit.
+    """
+    if recorded.rate >= _SLOW:
+        return False
+    assert filters.pre_cutoff is not None
+    faster = replace(
+        filters, rate=1e3 * filters.rate, pre_cutoff=1e3 * filters.pre_cutoff, fit_cutoff=1e3 * filters.fit_cutoff,
+        edge=1e-3 * filters.edge,
+    )  # fmt: skip
+    given = replace(recorded, rate=1e3 * recorded.rate, gaps=1e-3 * recorded.gaps, leaps=())
+    other = fit_chain(fitted.model, given.samples(faster), 1e3 * slowest)
     return bool(np.all(other.sigma < _CLEARLY * fitted.sigma))
 
 

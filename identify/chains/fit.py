@@ -31,6 +31,9 @@ _ROBUST_ROUNDS = 10
 _ROUNDED = 5e-6
 """Largest difference of a factor that is asked for from the grouping's, ÷ the latter [ratio]. Source: groupings are
 printed with six digits."""
+_BY_CHANCE = 0.0027
+"""Part of the equations of a joint that stands still which noise puts beyond three σ of its rate, either way, which is
+the default limit [probability]. Source: the normal distribution."""
 _CLOSE = 1e-6
 """The same ÷ the largest factor asked for, or 1 [ratio]: numerical."""
 
@@ -205,7 +208,9 @@ def fit_chain(model: ChainModel, samples: JointSamples, slowest: Array, robust: 
     kept = samples.kept
     if not kept.size:
         raise NotIdentifiable("nothing of the record remains between its gaps and the filters' transients there")
-    used = np.abs(samples.qd[kept]) >= slowest
+    speed = np.abs(samples.qd[kept])
+    used = (speed >= slowest) & (speed > 0.0)
+    _refuse_still(model, used)
     record = len(samples.q) / samples.filters.rate, samples.filters.fit_cutoff
     standard: Array | None = None
     rounds = _ROUNDS if model.iterates else 1
@@ -218,6 +223,21 @@ def fit_chain(model: ChainModel, samples: JointSamples, slowest: Array, robust: 
         step = np.inf if before is None else np.abs(standard - before)[keep]
         if rounds <= 0 or np.all(step <= _STILL * np.sqrt(np.diag(found.independent))):
             return found
+
+
+def _refuse_still(model: ChainModel, used: NDArray[np.bool_]) -> None:
+    """Raises NotIdentifiable for joints that have no more equations `used` (m, f) than noise alone gives them."""
+    chance = np.asarray(scipy.stats.binom.sf(np.count_nonzero(used, axis=0) - 1, len(used), _BY_CHANCE), float).tolist()
+    names = [model.chain.names[j - 1] for j in model.chain.coupling.free]
+    still = [name for name, p in zip(names, chance, strict=True) if p > SELECTION.significance]
+    if len(still) == len(names):
+        raise NotIdentifiable("no joint moves faster than the limit (slowest): there is no equation")
+    if still:
+        raise NotIdentifiable(
+            f"{', '.join(still)} never moves faster than the limit (slowest), but by noise: no equation. Make it fixed "
+            "where it stands (sigma: 2 in a table, type fixed in a URDF) and give q and tau without its column: the "
+            "others are identified so"
+        )
 
 
 def refitted(fitted: ChainFit) -> ChainFit:

@@ -90,6 +90,8 @@ class Recorded:
                     ) for one in external
                 ]  # fmt: skip
         assert rate is not None
+        if isinstance(rate, str) or np.ndim(rate):
+            raise UsageError(f"the rate must be a number of Hz, found {rate!r}")
         if not rate > 0.0:
             raise UsageError(f"the rate must be positive, found {rate:g} Hz")
         q_, leaps = without_leaps(q_, rate)

@@ -30,16 +30,17 @@ class ChainVerdict(StrEnum):
 def verdict_of(ranking: ChainRanking, scores: Sequence[JointScore], doubts: Doubts | None = None) -> ChainVerdict:
     """The verdict that follows from laws tried, the joints' errors on the samples fitted to, and doubts of the fit.
 
-    Torques of opposite sign or late, exchanged columns, or positions in degrees, always make a fit unsound. Values that
-    cannot be do, unless the model fails for a cause in no law, which may make them so; noise of the positions and few
-    equations do where they might look like a law.
+    Torques of opposite sign, late or clipped, exchanged columns, positions in degrees and times in milliseconds always
+    make a fit unsound. Values that cannot be do, unless the model fails for a cause in no law, which may make them so;
+    noise of the positions and few equations do where they might look like a law.
     """
     verdict = _without_doubts(ranking, scores)
     if doubts is None:
         return verdict
     named = verdict is ChainVerdict.MISSING
     wrong = doubts.wrong_signs and verdict is not ChainVerdict.UNLISTED
-    if doubts.turned or doubts.in_degrees or doubts.late or doubts.exchanged or wrong:
+    units = doubts.in_degrees or doubts.in_milliseconds
+    if doubts.turned or units or doubts.late or doubts.exchanged or doubts.clipped or wrong:
         return ChainVerdict.UNSOUND
     return ChainVerdict.UNSOUND if named and (doubts.biased or doubts.few) else verdict
 

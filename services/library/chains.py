@@ -11,7 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lacet.daq.errors import UsageError
-from lacet.identify.chains.doubts import Doubts, accounted_for, doubts_of, in_degrees, late_torques, noise_bias
+from lacet.identify.chains.clipping import clipped_torques
+from lacet.identify.chains.doubts import (
+    Doubts,
+    accounted_for,
+    doubts_of,
+    in_degrees,
+    in_milliseconds,
+    late_torques,
+    noise_bias,
+)
 from lacet.identify.chains.effects import ExternalForce, JointEffect
 from lacet.identify.chains.exchanges import exchanged_joints
 from lacet.identify.chains.fit import ChainEstimate, ChainFit, fit_chain
@@ -106,6 +115,9 @@ class IdentifiedChain:
             late = late_torques(self.fitted, self._recorded, self.filters)
             exchanged = exchanged_joints(self.fitted, self._recorded, self.filters, self.slowest)
             found = doubts_of(self.fitted, bias, degrees, late, exchanged)
+            clipped = clipped_torques(self.fitted, self._recorded, self.filters)
+            slow = in_milliseconds(self.fitted, self._recorded, self.filters, self.slowest)
+        found = replace(found, in_milliseconds=slow, clipped=clipped)
         return replace(found, gaps=self._recorded.omitted(self.filters), leaps=self._recorded.leaps)
 
     @cached_property

@@ -142,6 +142,13 @@ def _doubts(doubts: Doubts) -> list[str]:
             f"the columns of {one.joints[0]} and {one.joints[1]} fit exchanged in {columns} (errors {errors[0]} in "
             f"place of {errors[1]}): exchange them"
         )
+    out += [
+        f"the torque of {one.joint} stops at {one.limit:.4g} (in {100.0 * one.share:.2g} % of the samples), and the "
+        "model asks for more there: it is clipped. Move more slowly, or give the other samples with their times (t=…)"
+        for one in doubts.clipped
+    ]
+    if doubts.in_milliseconds:
+        out.insert(0, "the times of the samples are milliseconds, as each joint fits: give seconds (or a rate in Hz)")
     if doubts.in_degrees:
         out.insert(0, "the positions of turning joints are degrees, by their size and as each joint fits: give radians")
     if doubts.late is not None:

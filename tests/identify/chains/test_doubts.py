@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lacet.daq.errors import UsageError
 from lacet.identify.chains import effects as laws
 from lacet.identify.chains.doubts import Doubts, TurnedTorque, accounted_for, noise_bias, turned_torques
 from lacet.identify.chains.fit import ChainEstimate
@@ -79,6 +80,33 @@ def test_positions_in_degrees_are_said_to_be_that():
     more_turns = identify_chain(ARM, q + 4.0 * np.pi, tau, rate=RATE)
     assert not more_turns.doubts.in_degrees
     assert not found(31).doubts.in_degrees
+
+
+def test_times_in_milliseconds_are_said_to_be_that():
+    """As is a rate in kHz; a slow log of a slow motion is in no doubt, and a rate that is no number is refused."""
+    q, tau = record(31)
+    one = identify_chain(ARM, q, tau, t=1e3 * np.arange(len(q)) / RATE)
+    assert one.doubts.in_milliseconds
+    assert "The times of the samples are milliseconds" in str(one)
+    assert one.rank().verdict == "unsound fit"
+    q, tau = record(31, 80.0)
+    slow = identify_chain(ARM, q[::125], tau[::125], rate=4.0, cutoff=0.45, pre_cutoff=1.6)
+    assert not slow.doubts.in_milliseconds
+    with pytest.raises(UsageError, match="must be a number of Hz, found '500'"):
+        identify_chain(ARM, q, tau, rate="500")  # type: ignore[arg-type]
+
+
+def test_a_torque_that_is_clipped_is_said_to_be_that():
+    """Joint 2 at half of its largest torque: no law is named; a coarse reading is not clipped."""
+    _, tau = record(31)
+    limit = 0.5 * float(np.max(np.abs(tau[:, 1])))
+    clipped = tau.copy()
+    clipped[:, 1] = np.clip(tau[:, 1], -limit, limit)
+    one = found(31, clipped, cutoff=0.9)
+    assert {(each.joint, abs(each.limit)) for each in one.doubts.clipped} == {(ARM.names[1], limit)}
+    assert f"The torque of {ARM.names[1]} stops at " in str(one)
+    assert one.rank().verdict == "unsound fit"
+    assert found(31, np.round(tau / 3.0) * 3.0, cutoff=0.9).doubts.clipped == ()
 
 
 @pytest.mark.parametrize("delay", [0.02, -0.03])

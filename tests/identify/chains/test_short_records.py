@@ -10,8 +10,9 @@ import scipy
 
 from lacet.daq.errors import NotIdentifiable
 from lacet.identify.chains.weights import serial_quantile, solved_together, student
+from lacet.identify.multibody.chain import Chain
 from lacet.services.library.chains import IdentifiedChain, identify_chain
-from tests.identify.chains.arms import ARM, RATE, VALUES, record
+from tests.identify.chains.arms import ARM, NOISE, RATE, VALUES, record, states
 
 
 def held(found: IdentifiedChain) -> np.ndarray:
@@ -68,6 +69,27 @@ def test_too_few_equations_are_refused_with_what_to_do():
             identify_chain(ARM, *record(3), rate=RATE, cutoff=0.65)
         found = identify_chain(ARM, *record(3, 74.0), rate=RATE, cutoff=0.65)
     assert np.min(found.fitted.freedom) > 70.0
+
+
+def test_a_joint_that_stands_still_is_refused_with_what_to_do():
+    """Noise alone gives it an equation or two, which no length of a record makes enough; as a fixed joint it is fitted.
+    With every joint still there is nothing to fit.
+    """
+    rng = np.random.default_rng(4)
+    moving = np.array([1.0, 1.0, 1.0, 0.0])
+    q, qd, qdd = (x * moving for x in states(4, 20.0))
+    values = {name: value for name, value in VALUES.items() if not name.startswith("OFF")}
+    tau = ARM.inverse_dynamics(q, qd, qdd, values) + NOISE * rng.standard_normal(q.shape)
+    for noise in (0.0, 1e-5):
+        recorded = q + noise * rng.standard_normal(q.shape)
+        with pytest.raises(NotIdentifiable, match=f"{ARM.names[3]} never moves faster .*sigma: 2 in a table"):
+            identify_chain(ARM, recorded, tau, rate=RATE, cutoff=2.0)
+    rows = [{"j": 1}, {"j": 2, "ant": 1, "alpha": "-pi/2"}, {"j": 3, "ant": 2, "d": 0.5}]
+    fixed = Chain.from_table([*rows, {"j": 4, "ant": 3, "d": 0.3, "alpha": "pi/2", "r": 0.1, "sigma": 2}])
+    found = identify_chain(fixed, q[:, :3], tau[:, :3], rate=RATE, cutoff=2.0)
+    assert found.value("FV3") == pytest.approx(VALUES["FV3"], rel=0.05)
+    with pytest.raises(NotIdentifiable, match="no joint moves faster"):
+        identify_chain(ARM, 0.0 * q, tau, rate=RATE)
 
 
 def test_few_equations_are_reported():
