@@ -7,6 +7,7 @@ in a short record these hold the errors of the parameters more than the noise it
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -21,6 +22,7 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.signals.decimation import decimated
 from lacet.identify.signals.filters import Filters
+from lacet.identify.signals.noise_level import white_noise_spread
 
 _DRAWS = 19
 """Simulated records behind a noise floor: as few as give a p of `SelectionSettings.failing_chance`, 5 %, and a floor
@@ -92,11 +94,15 @@ def drawn_noise(
     samples = recorded.samples(filters)
     plain = error(samples)
     counts = np.abs(samples.qd[samples.kept]) >= slowest
-    rng = np.random.default_rng(1)
+    # Draws of its own for each record: of the same ones, all records of a length would have a floor wrong alike.
+    rng = np.random.default_rng([1, zlib.crc32(np.ascontiguousarray(recorded.tau).tobytes())])
+    spread = white_noise_spread(len(recorded.q))
     out = np.empty((_DRAWS, *plain.shape))
     for number in range(_DRAWS):
         drawn = rng.standard_normal((2, *recorded.q.shape))
-        moved = error(recorded.samples(filters, (drawn[0] * noise[0], drawn[1] * noise[1])))
+        # The level of the noise is itself an estimate: a draw has one that the record may have had.
+        level = np.maximum(0.0, 1.0 + spread * rng.standard_normal((2, recorded.q.shape[1])))
+        moved = error(recorded.samples(filters, (drawn[0] * noise[0] * level[0], drawn[1] * noise[1] * level[1])))
         out[number] = np.where(counts, moved - plain, np.nan)
     return out
 
@@ -128,13 +134,18 @@ def predicted(fitted: ChainFit, samples: JointSamples) -> tuple[Array, Array]:
 
 
 def scores_of(fitted: ChainFit, residual: Array, measured: Array, noise: Array) -> tuple[JointScore, ...]:
-    """Scores of a residual (m, f), NaN where an equation does not count, beside drawn noise (D, m, f)."""
+    """Scores of a residual (m, f), NaN where an equation does not count, beside drawn noise (D, m, f).
+
+    The p of a joint is the rank of its error among the largest of every draw, each in units of the spread of all draws
+    and the record together: were it noise, the record would be one draw more, and each of them as likely the largest.
+    """
     chain = fitted.model.chain
     counted = np.isfinite(residual)
     squares = np.stack([_mean_squares(one, counted) for one in noise])
-    usual, spread = np.mean(squares, axis=0), np.maximum(np.std(squares, axis=0), 1e-300)
-    largest = np.max((squares - usual) / spread, axis=1)
     here = _mean_squares(residual, counted)
+    usual, every = np.mean(squares, axis=0), np.vstack([squares, here])
+    units = (every - np.mean(every, axis=0)) / np.maximum(np.std(every, axis=0), 1e-300)
+    largest = np.max(units[:-1], axis=1)
     out: list[JointScore] = []
     for k, j in enumerate(chain.coupling.free):
         if not counted[:, k].any():
@@ -144,7 +155,7 @@ def scores_of(fitted: ChainFit, residual: Array, measured: Array, noise: Array) 
         r, y = residual[counted[:, k], k], measured[counted[:, k], k]
         variance = float(np.var(y))
         explained = 100.0 * (1.0 - float(np.var(r)) / variance) if variance else 0.0
-        p = (1 + np.count_nonzero(largest >= (here[k] - usual[k]) / spread[k])) / (1 + len(noise))
+        p = (1 + np.count_nonzero(largest >= units[-1, k])) / (1 + len(noise))
         rms, floor = float(np.sqrt(here[k])), float(np.sqrt(usual[k]))
         out.append(JointScore(chain.names[j - 1], rms, floor, explained, variance**0.5, float(p)))
     return tuple(out)

@@ -215,6 +215,12 @@ def white_noise(values: Array) -> Array:
     return out
 
 
+def white_noise_spread(count: int) -> float:
+    """1 σ of `white_noise` of a series of so many samples, ÷ itself; 0 where it is not measured."""
+    segments = count // _SEGMENT
+    return 0.5 * _middle(np.ones(segments))[1] / _middle(np.ones(segments))[0] if segments > 1 else 0.0
+
+
 def _band_variance(values: Array, band: tuple[float, float]) -> Array:
     """Variance of white noise with the band's density, (segments, k), for stretches of `_SEGMENT` samples."""
     parts = sliding_window_view(values, _SEGMENT, axis=0)[::_SEGMENT]
