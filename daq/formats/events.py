@@ -30,7 +30,7 @@ class RunEvent:
     ----------
     t_ns : when, on the scale of the stamps [ns].
     kind : what it is about.
-    name : sensor or bus; empty for the machine's clock, the log and a marker.
+    name : sensor or bus; empty for the machine's clock, the log and a marker. Of a bus log's clock its bus.
     state : the new state in one word; for the clock ``stepped``, ``start`` or ``stop``; for a marker where it was set:
         ``bus`` or ``terminal``.
     text : a sentence for people, or the marker's own text.

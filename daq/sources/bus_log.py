@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from lacet.daq.frames import Frames, wire_idents
-from lacet.daq.sources.frames import BusFrames, bus_kind, is_bus_log, read_frames, read_mdf_frames
+from lacet.daq.sources.frames import BusFrames, Step, bus_kind, is_bus_log, read_frames, read_mdf_frames
 from lacet.daq.sources.source import fault
 
 KINDS = "candump, BLF, ASC, TRC, or an MDF bus log (.mf4)"
@@ -19,15 +20,27 @@ def is_raw_log(path: Path) -> bool:
     return path.suffix.lower() in (".mf4", ".mdf") or bool(path.is_file() and bus_kind(path))
 
 
-def read_bus_log(path: Path, damage: list[str] | None = None) -> dict[str, Frames]:
+class StepNs(NamedTuple):
+    """A clock put back: `bus` in the log, when on the stamps that go on, `t_ns` [ns], and by how much, `size` [s]."""
+
+    bus: str
+    t_ns: int
+    size: float
+
+
+def read_bus_log(
+    path: Path, damage: list[str] | None = None, put_back: list[StepNs] | None = None
+) -> dict[str, Frames]:  # fmt: skip
     """All data frames of a log, by the name or number of the bus in it, in order of their stamps.
 
-    What is lost of a log that is cut short is added to `damage`, one line each. Error and remote frames are left out.
-    Raises RunError for a file that is none or cannot be read.
+    Where the log's clock was put back stamps go on from the last one, in the order of the file. That, and what is lost
+    of a log that is cut short, is added to `damage`, one line each, and the steps to `put_back`. Error and remote
+    frames are left out. Raises RunError for a file that is none or cannot be read.
     """
     if not path.is_file():
         raise fault(path, "no such file")
-    start_ns, pieces = _opened(path, damage)
+    steps: list[Step] = []
+    start_ns, pieces = _opened(path, damage, steps)
     parts: dict[str, list[Frames]] = {}
     origin = 0.0
     for at, piece in enumerate(pieces):
@@ -40,18 +53,20 @@ def read_bus_log(path: Path, damage: list[str] | None = None) -> dict[str, Frame
             parts.setdefault(name, []).append(_packed(name, piece, t_ns, np.flatnonzero(piece.bus == number)))
     if not parts:
         raise fault(path, "it holds no frames")
+    if put_back is not None:
+        put_back += [StepNs(bus, (start_ns or 0) + round((t - origin) * 1e9), size) for bus, t, size in steps]
     return {name: _in_order(Frames.concat(name, frames)) for name, frames in parts.items()}
 
 
-def _opened(path: Path, damage: list[str] | None) -> tuple[int | None, Iterator[BusFrames]]:
+def _opened(path: Path, damage: list[str] | None, steps: list[Step]) -> tuple[int | None, Iterator[BusFrames]]:
     if kind := bus_kind(path):
-        return None, read_frames(path, kind, damage)
+        return None, read_frames(path, kind, damage, steps)
     if path.suffix.lower() in (".mf4", ".mdf"):
         from lacet.daq.sources.mdf import open_mdf, start_of
 
         mdf = open_mdf(path)
         if is_bus_log(mdf):
-            return start_of(mdf), read_mdf_frames(path, mdf)
+            return start_of(mdf), read_mdf_frames(path, mdf, damage, steps)
         raise fault(
             path, "this MDF file holds measured channels, no raw frames of a bus: lacet import reads it by a map"
         )

@@ -6,17 +6,18 @@ import logging
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.can_signal import row_width
-from lacet.daq.frames import EXTENDED, PUT_BACK
+from lacet.daq.frames import EXTENDED
 from lacet.daq.sources.bus_log_lines import AscLines, CandumpLines
+from lacet.daq.sources.clock_steps import ClockSteps, Stamped
 from lacet.daq.sources.mdf import BUS_CHANNEL
 from lacet.daq.sources.source import fault
 
@@ -29,8 +30,18 @@ _LATEST = 4e9
 """Stamps beyond are no times [s]: the year 2096."""
 _LONGEST_LINE = 4096
 """Bytes at the end of a text log that hold its last line."""
+_STEPS = 3
+"""Steps of a clock that a sentence lists."""
 _CANDUMP = re.compile(r"^\s*\(\d+\.\d+\)\s+\S+\s+[0-9A-Fa-f]+#")
 SUFFIXES = {".blf": "BLF", ".asc": "ASC", ".trc": "TRC"}
+
+
+class Step(NamedTuple):
+    """A clock put back: `bus` in the log, when on the stamps that go on, `t` [s], and by how much, `size` [s]."""
+
+    bus: str
+    t: float
+    size: float
 
 
 @dataclass(frozen=True)
@@ -76,10 +87,13 @@ def bus_kind(path: Path) -> str:
     return ""
 
 
-def read_frames(path: Path, kind: str, damage: list[str] | None = None) -> Iterator[BusFrames]:
-    """Frames of a text or BLF log, `FRAMES` at a time; what is lost is added to `damage`, one line each.
+def read_frames(
+    path: Path, kind: str, damage: list[str] | None = None, steps: list[Step] | None = None
+) -> Iterator[BusFrames]:
+    """Frames of a text or BLF log, `FRAMES` at a time, with stamps that go on where its clock was put back.
 
-    Raises RunError with the place of what cannot be read.
+    What is lost, and such steps, are added to `damage`, one line each; the steps to `steps`. Raises RunError with the
+    place of what cannot be read.
     """
     import can  # here, for it takes a while to load
 
@@ -91,7 +105,7 @@ def read_frames(path: Path, kind: str, damage: list[str] | None = None) -> Itera
     read = 0
     cut, behind, warned = _cut_short(path, kind), "", list[str]()
     lines = CandumpLines(path) if kind == "candump" else None
-    back = _Back()
+    ordered = _InOrder()
     try:
         opened = lines or (AscLines(path) if kind == "ASC" else str(path))
         with _warnings_in(warned), readers[kind](opened) as reader:
@@ -102,7 +116,7 @@ def read_frames(path: Path, kind: str, damage: list[str] | None = None) -> Itera
                 if not (abs(message.timestamp) < _LATEST and 0 <= message.arbitration_id < EXTENDED):
                     raise ValueError(f"identifier {message.arbitration_id:#x} at {message.timestamp} s")
                 if len(held) >= FRAMES:
-                    yield back.seen(_packed(held, buses))
+                    yield from ordered.of(_packed(held, buses))
                     held = []
                 held.append(message)
                 read += 1
@@ -111,45 +125,65 @@ def read_frames(path: Path, kind: str, damage: list[str] | None = None) -> Itera
     except Exception as cause:  # the readers raise exceptions of many kinds for what is no frame
         behind = f"frame {read + 1} of this {kind} log cannot be read: {str(cause) or type(cause).__name__}"
         if not cut:
-            if held:
-                yield back.seen(_packed(held, buses))
+            yield from ordered.of(_packed(held, buses) if held else None, last=True)
             raise fault(path, behind) from None
-    final = back.seen(_packed(held, buses)) if held else None
+    final = list(ordered.of(_packed(held, buses) if held else None, last=True))
     if damage is not None:
         left_out = lines.damage if lines else ""
         found = [
             cut, behind and f"{path.name}: {behind}; it ends there", left_out and f"{path.name}: {left_out}",
-            back.text and f"{path.name}: {back.text}", _warnings_text(path, warned),
+            *ordered.lines(path), _warnings_text(path, warned),
         ]  # fmt: skip
         damage += [line for line in found if line and line not in damage]
-    if final is not None:
-        yield final
+    if steps is not None:
+        steps += ordered.steps
+    yield from final
 
 
-class _Back:
-    """Steps back in the stamps of a log by which its clock was put back.
-
-    `text` : the first of them in words; empty without one.
-    """
+class _InOrder:
+    """The frames of a log in the order of the file, with stamps that go on where its clock was put back."""
 
     def __init__(self) -> None:
-        self.text = ""
-        self._first = self._latest = np.nan
+        self._clock = ClockSteps()
+        self._numbers: dict[str, int] = {}
+        self._waiting: BusFrames | None = None
+        self._first = np.nan
 
-    def seen(self, frames: BusFrames) -> BusFrames:
-        """The frames, whose stamps come next."""
+    @property
+    def steps(self) -> list[Step]:
+        """The steps back so far."""
+        names = list(self._numbers)
+        return [Step(names[bus], t, size) for bus, t, size in self._clock.found]
+
+    def of(self, frames: BusFrames | None, last: bool = False) -> Iterator[BusFrames]:
+        """The frames that come next, or nothing as long as it takes to see how the stamps go on."""
+        parts = [one for one in (self._waiting, frames) if one is not None]
+        if not parts:
+            return
+        joined = parts[0]
+        if len(parts) > 1:
+            joined = _joined(parts, tuple(dict.fromkeys(name for part in parts for name in part.buses)))
         if np.isnan(self._first):
-            self._first = self._latest = float(frames.t[0])
-        before = np.maximum.accumulate(np.concatenate(([self._latest], frames.t)))
-        self._latest = float(before[-1])
-        at = np.flatnonzero(frames.t < before[:-1] - PUT_BACK)
-        if at.size and not self.text:
-            begin, by = before[at[0]] - self._first, before[at[0]] - frames.t[at[0]]
-            self.text = (
-                f"its clock is put back by {by:.2f} s after {begin:.2f} s; samples are left out until its stamps are "
-                "later than before"
-            )
-        return frames
+            self._first = float(joined.t[0])
+        waited = 0 if self._waiting is None else len(self._waiting.t)
+        numbers = np.array([self._numbers.setdefault(name, len(self._numbers)) for name in joined.buses])
+        new = slice(waited, None)
+        t = self._clock.feed(Stamped(joined.t[new], joined.ident[new], numbers[joined.bus[new]]), last)
+        self._waiting = joined.of(np.arange(len(t), len(joined.t))) if len(t) < len(joined.t) else None
+        if len(t):
+            yield replace(joined if self._waiting is None else joined.of(np.arange(len(t))), t=t)
+
+    def lines(self, path: Path) -> list[str]:
+        """The steps of each bus in a sentence, with their sizes and places."""
+        out: list[str] = []
+        for name in self._numbers:
+            mine = [f"by {size:.3f} s after {t - self._first:.2f} s" for bus, t, size in self.steps if bus == name]
+            if mine:
+                more = f" and {len(mine) - _STEPS} times more" if len(mine) > _STEPS else ""
+                bus = f"bus {name}: " if len(self._numbers) > 1 else ""
+                some = ", ".join(mine[:_STEPS]) + more
+                out.append(f"{path.name}: {bus}its clock is put back {some}; the stamps go on as if it had not been")
+        return out
 
 
 def _cut_short(path: Path, kind: str) -> str:
@@ -206,29 +240,52 @@ def is_bus_log(mdf: Any) -> bool:
     return BUS_CHANNEL in mdf.channels_db
 
 
-def read_mdf_frames(path: Path, mdf: Any) -> Iterator[BusFrames]:
+def read_mdf_frames(
+    path: Path, mdf: Any, damage: list[str] | None = None, steps: list[Step] | None = None
+) -> Iterator[BusFrames]:
     """Frames of an MDF bus log in order of their stamps, at most `FRAMES` of each group at a time.
+
+    Stamps of a group go on where its clock was put back, which is added to `damage` and `steps` as by `read_frames`.
 
     Recorders write a group for each bus, each kind of frame or each direction: a piece holds the frames of all groups
     up to one time, so that it shows on which buses a message is.
     """
-    readers = [_group_frames(path, mdf, group) for group, _ in mdf.channels_db[BUS_CHANNEL]]
+    orders = [_InOrder() for _ in mdf.channels_db[BUS_CHANNEL]]
+    groups = [_group_frames(path, mdf, group) for group, _ in mdf.channels_db[BUS_CHANNEL]]
+    readers = [_in_order(frames, ordered) for frames, ordered in zip(groups, orders, strict=True)]
     held = [(reader, piece) for reader in readers for piece in islice(reader, 1)]
     while held:
         until = np.min([piece.t.max() for _, piece in held])
         yield _by_time([piece.of(~(piece.t > until)) for _, piece in held])  # of damaged stamps (NaN) all
         rest = [(reader, piece.of(piece.t > until)) for reader, piece in held]
         held = [(reader, piece) for reader, later in rest for piece in ([later] if len(later.t) else islice(reader, 1))]
+    for ordered in orders:
+        if damage is not None:
+            damage += [line for line in ordered.lines(path) if line not in damage]
+        if steps is not None:
+            steps += ordered.steps
+
+
+def _in_order(pieces: Iterator[BusFrames], ordered: _InOrder) -> Iterator[BusFrames]:
+    """The frames of one group with stamps that go on."""
+    for piece in pieces:
+        yield from ordered.of(piece)
+    yield from ordered.of(None, last=True)
 
 
 def _by_time(parts: Sequence[BusFrames]) -> BusFrames:
     """Frames of several groups as one, in order of their stamps."""
-    buses = tuple(sorted({name for part in parts for name in part.buses}, key=int))
+    joined = _joined(parts, tuple(sorted({name for part in parts for name in part.buses}, key=int)))
+    return joined.of(np.argsort(joined.t, kind="stable"))
+
+
+def _joined(parts: Sequence[BusFrames], buses: tuple[str, ...]) -> BusFrames:
+    """Frames end to end, of these buses."""
     bus = np.concatenate([np.array([buses.index(name) for name in part.buses])[part.bus] for part in parts])
     width = max(part.rows.shape[1] for part in parts)
     rows = np.concatenate([_widened(part.rows, width) for part in parts])
     t, ident, lengths = (np.concatenate([getattr(part, name) for part in parts]) for name in ("t", "ident", "lengths"))
-    return BusFrames(t, ident, bus, buses, lengths, rows).of(np.argsort(t, kind="stable"))
+    return BusFrames(t, ident, bus, buses, lengths, rows)
 
 
 def _widened(rows: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:

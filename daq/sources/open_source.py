@@ -85,7 +85,7 @@ def open_source(path: str | Path, reading: Reading | None = None) -> Source:
             if is_bus_log(mdf):
                 from lacet.daq.sources.bus import BusSource
 
-                return BusSource(file, reading.dbc, lambda _: read_mdf_frames(file, mdf), start_of(mdf))
+                return BusSource(file, reading.dbc, lambda lost: read_mdf_frames(file, mdf, lost), start_of(mdf))
             return MdfSource(file, reading, mdf)
         case "MATLAB":
             from lacet.daq.sources.mat import MatSource

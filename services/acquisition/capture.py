@@ -10,6 +10,7 @@ import numpy as np
 
 from lacet.daq.blocks import Block
 from lacet.daq.errors import UsageError
+from lacet.daq.formats.events import RunEvent
 from lacet.daq.formats.log import LogWriter
 from lacet.daq.formats.wire import StartRecord, StopRecord
 from lacet.daq.frames import Frames
@@ -74,8 +75,17 @@ def simulated_start(name: str, motion: CarMotion, rig: Rig, vehicle_text: str, s
     )
 
 
-def write_capture(path: Path, frames: Mapping[str, Frames], start: StartRecord, overwrite: bool = False) -> None:
-    """Write a capture: start record, raw frames in order of time, stop record. Raises RunError when it exists."""
+def write_capture(
+    path: Path,
+    frames: Mapping[str, Frames],
+    start: StartRecord,
+    overwrite: bool = False,
+    events: Iterable[RunEvent] = (),
+) -> None:
+    """Write a capture: start record, raw frames in order of time, events, stop record.
+
+    Raises RunError when it exists.
+    """
     ends = [int(batch.t_ns[-1]) for batch in frames.values() if len(batch)]
     last = max(ends, default=start.started_ns)
     edges = np.arange(start.started_ns, last + BATCH_NS + 1, BATCH_NS)
@@ -84,5 +94,7 @@ def write_capture(path: Path, frames: Mapping[str, Frames], start: StartRecord, 
         for i in range(len(edges) - 1):
             for bus, batch in frames.items():
                 writer.write_frames(batch[int(cuts[bus][i]) : int(cuts[bus][i + 1])])
+        for event in events:
+            writer.write_event(event)
         counts = {bus: len(batch) for bus, batch in frames.items()}
         writer.close(StopRecord(last, "stopped", counts))

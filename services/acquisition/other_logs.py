@@ -9,21 +9,26 @@ from pathlib import Path
 import numpy as np
 
 from lacet.daq.errors import UsageError, nearest
+from lacet.daq.formats.events import EventKind, RunEvent
 from lacet.daq.formats.wire import StartRecord
 from lacet.daq.frames import EXTENDED, Frames
 from lacet.daq.rig import Rig
-from lacet.daq.sources.bus_log import read_bus_log
+from lacet.daq.sources.bus_log import StepNs, read_bus_log
 from lacet.services.acquisition.capture import write_capture
 
 OPTION = "--as"
 
 
-def frames_for(path: Path, rig: Rig, words: Sequence[str] = (), damage: list[str] | None = None) -> dict[str, Frames]:
-    """The frames of a bus log by the rig's buses; stamps are the log's.
+def frames_for(
+    path: Path, rig: Rig, words: Sequence[str] = (), damage: list[str] | None = None,
+    put_back: list[StepNs] | None = None,
+) -> dict[str, Frames]:  # fmt: skip
+    """The frames of a bus log by the rig's buses; stamps are the log's, and go on where its clock was put back.
 
     Parameters
     ----------
-    damage : receives what is lost of a log that is cut short.
+    damage : receives what is lost of a log that is cut short, and steps of its clock.
+    put_back : receives the steps back of the log's clock on the rig's buses.
     words : ``LOGBUS=BUS``, which bus of the rig a bus of the log is; then no other bus of the log is read. Without,
         buses of the same name are meant, or the only CAN bus of the rig for the only bus of the log.
 
@@ -35,7 +40,8 @@ def frames_for(path: Path, rig: Rig, words: Sequence[str] = (), damage: list[str
     can = [name for name, bus in rig.buses.items() if bus.kind == "can"]
     if not can:
         raise UsageError(f"{rig.path}: the rig has no CAN bus to play a bus log onto; write [bus.can0] in it")
-    logged = read_bus_log(path, damage)
+    steps: list[StepNs] = []
+    logged = read_bus_log(path, damage, steps)
     chosen: dict[str, str] = {}
     for word in words:
         name, mark, bus = word.rpartition("=")
@@ -56,20 +62,33 @@ def frames_for(path: Path, rig: Rig, words: Sequence[str] = (), damage: list[str
             f"{path}: which of its buses is which of the rig's ({', '.join(can)})? It has {_listed(logged)}. "
             f"Say it: {OPTION} {next(iter(logged))}={can[0]}"
         )
+    if put_back is not None:
+        put_back += [step._replace(bus=chosen[step.bus]) for step in steps if step.bus in chosen]
     return {bus: replace(logged[name], source=bus) for name, bus in chosen.items()}
 
 
 def capture_of(path: Path, rig: Rig, target: Path, words: Sequence[str] = ()) -> None:
-    """Write a bus log as a capture of a rig, with the log's stamps. Raises LacetError as `frames_for`."""
+    """Write a bus log as a capture of a rig, with the log's stamps; steps back of its clock are events.
+
+    Raises LacetError as `frames_for`.
+    """
     damage: list[str] = []
-    frames = frames_for(path, rig, words, damage)
+    steps: list[StepNs] = []
+    frames = frames_for(path, rig, words, damage, steps)
     first = min(int(batch.t_ns[0]) for batch in frames.values())
     start = StartRecord(
         run_id=f"{first}-{path.stem}", started_ns=first, vehicle_text="", rig_text=rig.text,
         wheel_reference=rig.wheel_reference, software="lacet decode",
         extra={"files": path.name, **({"damage": "\n".join(damage)} if damage else {})},
     )  # fmt: skip
-    write_capture(target, frames, start, overwrite=True)
+    events = [
+        RunEvent(
+            one.t_ns, EventKind.HOST_CLOCK, one.bus, "stepped",
+            f"the log's clock was set by {-one.size:+.3f} s; the stamps of the run go on without that",
+        )
+        for one in steps
+    ]  # fmt: skip
+    write_capture(target, frames, start, overwrite=True, events=events)
 
 
 def _listed(logged: dict[str, Frames]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from lacet.daq.formats.open_run import open_run
 from lacet.daq.maps.channel_map import ChannelMap
 from lacet.daq.run import Run
 from lacet.daq.sources import frames as frame_readers
-from lacet.daq.sources.bus_log import read_bus_log
+from lacet.daq.sources.bus_log import StepNs, read_bus_log
 
 DBC = """VERSION ""
 BU_: ECU
@@ -93,19 +94,68 @@ def test_error_frames_are_no_message(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("at_a_time", [11, 1 << 17])
-def test_a_clock_put_back_is_told_with_when_and_by_how_much(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_a_time: int
+@pytest.mark.parametrize("back", [0.25, 1.5, 2.5, 3600.0])
+def test_a_log_whose_clock_was_put_back_keeps_its_order_and_its_frames(
+    back: float, at_a_time: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """The stamps go on with the usual interval, to the microsecond; the step is said with when and by how much."""
     monkeypatch.setattr(frame_readers, "FRAMES", at_a_time)
-    lines = [later(line, -2.5 if k >= 600 else 0.0) for k, line in enumerate(drive())]
+    lines = [later(line, -back if k >= 600 else 0.0) for k, line in enumerate(drive())]
     run = imported(tmp_path, lines)
-    (said,) = [one for one in run.problems if "put back" in one]
-    assert "its clock is put back by 2.49 s after 2.99 s" in said  # from the last stamp to the next
+    (said,) = run.problems
+    assert f"its clock is put back by {back:.3f} s after 3.00 s" in said
+    np.testing.assert_allclose(run.signals["car.speed"].t, 0.01 * np.arange(COUNT), atol=2e-6)
+    np.testing.assert_allclose(run.signals["car.speed"].values[:, 0], SPEEDS, atol=1e-9)
     damage: list[str] = []
-    read_bus_log(tmp_path / "drive.log", damage)
-    assert said in damage
-    late = [later(line, -0.5 if k % 100 == 0 else 0.0) for k, line in enumerate(drive())]
-    assert not any("put back" in one for one in imported(tmp_path, late).problems)  # frames out of order
+    frames = read_bus_log(tmp_path / "drive.log", damage)["can0"]
+    assert damage == [said]
+    assert (np.diff(frames.t_ns) > 0).all()
+    assert frames.data[::8].tolist() == [int(line.split("#")[1][:2], 16) for line in lines]
+
+
+def test_clocks_are_put_back_more_than_once_and_on_each_bus_by_itself(tmp_path: Path) -> None:
+    """Of a logger that writes the frames of a bus late, so that the step comes later in the file."""
+    lines = [later(line, -9.0 * (k >= 300) - 0.5 * (k >= 500)) for k, line in enumerate(drive())]
+    other = [line.replace("can0", "can1") for line in lines]
+    mixed = [*lines[:400], *other[:350], *lines[400:], *other[350:]]
+    (tmp_path / "drive.log").write_text("\n".join(mixed) + "\n", encoding="utf-8")
+    damage: list[str] = []
+    steps: list[StepNs] = []
+    buses = read_bus_log(tmp_path / "drive.log", damage, steps)
+    for frames in buses.values():
+        expected = 0.01 * (np.arange(2 * COUNT) // 2) + 0.003 * (np.arange(2 * COUNT) % 2)
+        np.testing.assert_allclose((frames.t_ns - frames.t_ns[0]) / 1e9, expected, atol=3e-6)
+    assert damage == [
+        f"drive.log: bus {bus}: its clock is put back by 9.000 s after 1.50 s, by 0.500 s after 2.50 s; the stamps go "
+        "on as if it had not been"
+        for bus in ("can0", "can1")
+    ]
+    assert [(one.bus, round((one.t_ns - 17 * 10**17) / 1e9, 3), round(one.size, 3)) for one in steps] == [
+        (bus, t, size) for bus in ("can0", "can1") for t, size in ((1.5, 9.0), (2.5, 0.5))
+    ]
+
+
+@pytest.mark.parametrize(
+    "out_of_order",
+    [
+        lambda lines: [later(line, -0.5 if k % 100 == 0 else 0.0) for k, line in enumerate(lines)],
+        lambda lines: [line for k in range(0, len(lines), 100) for line in sorted(lines[k : k + 100], key=by_ident)],
+        lambda lines: [later(line, 5.0 if k == 300 else 0.0) for k, line in enumerate(lines)],
+        lambda lines: [one for k in range(0, len(lines), 4) for one in (*lines[k + 3 : k : -1], lines[k])],
+        lambda lines: [*lines[:300], *lines[350:500], *lines[300:350], *lines[500:]],
+    ],
+    ids=["late", "by message", "one early", "turned", "many late"],
+)
+def test_frames_out_of_order_are_no_clock_put_back(out_of_order: Callable, tmp_path: Path) -> None:
+    (tmp_path / "drive.log").write_text("\n".join(out_of_order(drive())) + "\n", encoding="utf-8")
+    damage: list[str] = []
+    assert len(read_bus_log(tmp_path / "drive.log", damage)["can0"]) == 2 * COUNT
+    assert damage == []
+
+
+def by_ident(line: str) -> str:
+    """Its identifier, so that the lines of a message stand together."""
+    return line.split()[2][:3]
 
 
 def later(line: str, seconds: float) -> str:

@@ -148,6 +148,22 @@ def test_a_run_has_the_channels_of_the_buses_that_its_map_names(layout: str, tmp
         open_run(log, ChannelMap.parse(text + '"gnss.speed" = "GpsSpeed"', "map", tmp_path))
 
 
+@pytest.mark.parametrize("at_a_time", [50, 1 << 17])
+def test_a_clock_put_back_in_groups_changes_no_order(
+    at_a_time: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(frame_readers, "FRAMES", at_a_time)
+    put_back = [(t - 1.0 * (t > 1.5), *rest) for t, *rest in drive()]
+    write_mf4(tmp_path / "drive.mf4", [[frame for frame in put_back if frame[1] == bus] for bus in (1, 2)])
+    source = opened(tmp_path, tmp_path / "drive.mf4")
+    found = read_all(source, ["1.DYN.YawRate", "2.GPS_VEL.GpsSpeed"])
+    for values, expected in zip(found.values(), (0.01 * YAW, 0.01 * SPEED), strict=True):
+        np.testing.assert_allclose(values.values, expected, atol=1e-9)
+        np.testing.assert_allclose(np.diff(values.t), 0.010, atol=1e-6)
+    assert sum("its clock is put back by 1.000 s after 1.5" in note for note in source.notes) == 1
+    source.close()
+
+
 def test_frames_of_all_groups_are_replayed_by_bus(tmp_path: Path) -> None:
     buses = read_bus_log(in_layout(tmp_path, "several groups for each bus"))
     expected = {"1": drive_of(1), "2": drive_of(2)}

@@ -204,6 +204,30 @@ def test_a_log_cut_short_is_told_by_import_and_decode(tmp_path, suffix, capsys):
     assert any(damage[0] in problem for problem in open_run(tmp_path / "decoded.mcap").problems)
 
 
+def test_a_clock_put_back_in_a_log_is_an_event_and_damage_of_the_run(tmp_path, capsys):
+    """Every sample is there, in the order of the drive."""
+    lines = (CAN / "road-car.candump.log").read_text().splitlines(keepends=True)[:4000]
+    whole, log = tmp_path / "whole.log", tmp_path / "drive.log"
+    whole.write_text("".join(lines))
+    for k in range(2000, len(lines)):
+        stamp, _, rest = lines[k].partition(") ")
+        lines[k] = f"({float(stamp.lstrip('(')) - 2.0:.6f}) {rest}"
+    log.write_text("".join(lines))
+    where = rig(tmp_path)
+    for path, code in ((whole, 0), (log, 3)):
+        assert main(["decode", str(path), "--rig", str(where), "-o", str(path.with_suffix(".mcap"))]) == code
+    assert "damaged: drive.log: its clock is put back by 2.00" in capsys.readouterr().out
+    wanted, found = LogReader(tmp_path / "whole.mcap"), LogReader(tmp_path / "drive.mcap")
+    (event,) = found.events()
+    assert (event.kind, event.name, event.state) == ("host_clock", "can0", "stepped")
+    assert abs(event.t_ns - wanted.frames("can0").t_ns[2000]) < 2e6
+    for name, block in wanted.blocks().items():
+        ours = found.blocks()[name]
+        np.testing.assert_allclose(ours.t_ns, block.t_ns, atol=2e6)  # [ns]; as evenly as the messages of this car come
+        if name != "correvit.speed":  # of two messages
+            np.testing.assert_array_equal(ours.values, block.values)
+
+
 def test_what_cannot_be_read_within_a_log_is_told_with_its_place(tmp_path):
     """Of a log that is cut short as well, what stands before it is kept; of one that has its end, it is an error."""
     lines = (CAN / "road-car.candump.log").read_text().splitlines(keepends=True)[:40]
