@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from lacet.daq.can_signal import row_width
 from lacet.daq.frames import EXTENDED
+from lacet.daq.sources.blf_containers import WholeContainers
 from lacet.daq.sources.bus_log_lines import AscLines, CandumpLines
 from lacet.daq.sources.clock_steps import ClockSteps, Stamped
 from lacet.daq.sources.mdf import BUS_CHANNEL
@@ -106,8 +107,11 @@ def read_frames(
     cut, behind, warned = _cut_short(path, kind), "", list[str]()
     lines = CandumpLines(path) if kind == "candump" else None
     ordered = _InOrder()
+    containers: WholeContainers | None = None
     try:
-        opened = lines or (AscLines(path) if kind == "ASC" else str(path))
+        if kind == "BLF":
+            containers = WholeContainers(path, lambda: ordered.since_first(held))
+        opened = containers or lines or (AscLines(path) if kind == "ASC" else str(path))
         with _warnings_in(warned), readers[kind](opened) as reader:
             for message in reader:
                 if message.is_error_frame or message.is_remote_frame:
@@ -131,7 +135,8 @@ def read_frames(
     if damage is not None:
         left_out = lines.damage if lines else ""
         found = [
-            cut, behind and f"{path.name}: {behind}; it ends there", left_out and f"{path.name}: {left_out}",
+            cut, *(f"{path.name}: {line}" for line in (containers.damage if containers else ())),
+            behind and f"{path.name}: {behind}; it ends there", left_out and f"{path.name}: {left_out}",
             *ordered.lines(path), _warnings_text(path, warned),
         ]  # fmt: skip
         damage += [line for line in found if line and line not in damage]
@@ -172,6 +177,12 @@ class _InOrder:
         self._waiting = joined.of(np.arange(len(t), len(joined.t))) if len(t) < len(joined.t) else None
         if len(t):
             yield replace(joined if self._waiting is None else joined.of(np.arange(len(t))), t=t)
+
+    def since_first(self, held: Sequence[Any]) -> float:
+        """Stamp of the last of the messages that come next, from the log's first stamp on [s]."""
+        if not held:
+            return 0.0
+        return float(held[-1].timestamp - (held[0].timestamp if np.isnan(self._first) else self._first))
 
     def lines(self, path: Path) -> list[str]:
         """The steps of each bus in a sentence, with their sizes and places."""

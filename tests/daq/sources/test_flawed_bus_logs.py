@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
+import re
 from collections.abc import Callable
 from pathlib import Path
 
+import can
 import numpy as np
 import pytest
 
@@ -200,3 +203,39 @@ def test_identifiers_that_the_dbc_lacks_are_named_with_their_length_where_the_nu
     lines = [line.replace(" 200#", " 18FEF200#") for line in lines]
     with pytest.raises(RunError, match=r"it has 0x100 \(29 bits\), 0x18fef200$"):
         imported(tmp_path, lines)
+
+
+@pytest.mark.parametrize("at", [0.1, 0.5, 0.97])
+@pytest.mark.parametrize("damage", ["a byte", "the head of a container", "zeros"])
+def test_what_is_whole_before_and_behind_a_damaged_container_of_a_blf_log_is_read(
+    damage: str, at: float, tmp_path: Path
+) -> None:
+    """No frame is made of the halves of two; where bytes are missing is said."""
+    sent = []
+    with can.BLFWriter(tmp_path / "drive.blf", max_container_size=2000) as writer:  # objects go over their ends
+        for k in range(2000):
+            sent.append(hashlib.sha256(k.to_bytes(2, "little")).digest()[: 1 + k % 8])
+            writer.on_message_received(can.Message(timestamp=1.7e9 + 0.01 * k, arbitration_id=k % 9, data=sent[-1]))
+    content = bytearray((tmp_path / "drive.blf").read_bytes())
+    place = int(at * len(content))
+    if damage == "a byte":
+        content[place] ^= 0x55
+    elif damage == "zeros":
+        content[place : place + 700] = bytes(len(content[place : place + 700]))
+    else:
+        head = content.rfind(b"LOBJ", 0, place)
+        content[head : head + 12] = b"\xff" * 12
+    (tmp_path / "drive.blf").write_bytes(content)
+    lost: list[str] = []
+    (frames,) = read_bus_log(tmp_path / "drive.blf", lost).values()
+    assert 1700 < len(frames) < 2000
+    numbers = np.rint((frames.t_ns - 17 * 10**17) / 1e7).astype(int)
+    assert [frame.payload for frame in frames] == [sent[k] for k in numbers]
+    steps = np.diff(np.concatenate(([-1], numbers, [2000])))
+    assert np.count_nonzero(steps > 1) == 1
+    (said,) = lost
+    begin = 0.01 * (int(np.argmax(steps > 1)) - 1)
+    assert re.fullmatch(
+        rf"drive.blf: bytes [\d,]+ to [\d,]+ of {len(content):,} cannot be read, after {max(0.0, begin):.2f} s: "
+        "the frames in them are missing", said,
+    )  # fmt: skip
