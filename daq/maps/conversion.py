@@ -19,6 +19,9 @@ from lacet.daq.sources.open_source import open_source
 from lacet.daq.sources.source import Array, Series, Source, names_of_all, resolve
 from lacet.daq.units import read_unit
 
+_ZONES = 900.0
+"""Difference of the beginnings of logs of one drive beyond which a time zone may be the reason [s]: that between two
+zones is a quarter of an hour at least."""
 _SHOWN = 5
 """Names that a note has; the JSON result has all."""
 
@@ -233,6 +236,8 @@ class Conversion:
             self.notes.append(
                 "not every file says when it began: their times are taken as of one clock, unless the map says a delay"
             )
+        elif absolute:
+            self.notes += self._zones_apart()
         self.notes += lacking
         self.notes += self._said_of_none()
         self.without_unit = [name for name in found.without_unit if not self._is_si(name)]
@@ -245,6 +250,18 @@ class Conversion:
             path = ", ".join(str(source.path) for source in self.sources)
             remedy = f"correct {self.map.name}, or let lacet propose one: lacet map --guess {self.sources[0].path}"
             raise RunError(path, [*lacking, remedy])
+
+    def _zones_apart(self) -> list[str]:
+        """Notes on logs whose dates have no time zone, and that begin long before or behind one that has."""
+        with_zone = [source.start_ns or 0 for source in self.sources if not source.without_zone]
+        return [
+            f"{source.path.name} begins {apart / 3600.0:+.2f} h from the other files: its date has no time zone and is "
+            "taken as UTC; if that is wrong, say a delay in the map"
+            for source in self.sources
+            if source.without_zone and with_zone
+            for apart in [((source.start_ns or 0) - min(with_zone)) / 1e9]
+            if abs(apart) > _ZONES
+        ]
 
     def _delays_said(self) -> bool:
         """Whether the map says how late each log is against the first one used."""

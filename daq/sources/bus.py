@@ -35,10 +35,10 @@ class BusSource(Source):
         self._messages = read_dbcs(dbc)
         first = next(iter(frames()), None)
         if first is None:
-            raise fault(path, "it holds no frames")
+            raise fault(path, "it holds no frames", *self.notes)
         self._origin = float(first.t[0]) if self.start_ns is None else 0.0
-        if self.start_ns is None and self._origin > 1e8:
-            self.start_ns = round(self._origin * 1e9)
+        if self.start_ns is None and (first.start_ns or self._origin > 1e8):
+            self.start_ns = first.start_ns + round(self._origin * 1e9)
         self._twice: set[str] = set()
         self._only_bus: dict[str, str] = {}
         for message in self._messages:

@@ -46,13 +46,13 @@ def read_bus_log(
     for at, piece in enumerate(pieces):
         if at == 0 and start_ns is None:  # as an import takes it, so that stamps are the same to the nanosecond
             origin = float(piece.t[0])
-            start_ns = round(origin * 1e9)
+            start_ns = piece.start_ns + round(origin * 1e9)
         t_ns = (start_ns or 0) + np.rint((piece.t - origin) * 1e9).astype(np.int64)
         for number in np.unique(piece.bus):
             name = piece.buses[number]
             parts.setdefault(name, []).append(_packed(name, piece, t_ns, np.flatnonzero(piece.bus == number)))
     if not parts:
-        raise fault(path, "it holds no frames")
+        raise fault(path, "it holds no frames", *(damage or []))
     if put_back is not None:
         put_back += [StepNs(bus, (start_ns or 0) + round((t - origin) * 1e9), size) for bus, t, size in steps]
     return {name: _in_order(Frames.concat(name, frames)) for name, frames in parts.items()}

@@ -50,7 +50,8 @@ class BusFrames:
     """Frames of a bus log.
 
     `t` (N,) s as stamped; `ident` (N,) with `EXTENDED`; `bus` (N,) index in `buses`; `lengths` (N,) bytes; `rows`
-    (N, W) payloads in whole words, filled with zeros.
+    (N, W) payloads in whole words, filled with zeros; `start_ns` instant of time 0 by the log's header [ns since the
+    Unix epoch], 0 where the stamps say it, or nothing does.
     """
 
     t: NDArray[np.float64]
@@ -59,12 +60,14 @@ class BusFrames:
     buses: tuple[str, ...]
     lengths: NDArray[np.int64]
     rows: NDArray[np.uint8]
+    start_ns: int = 0
 
     def of(self, which: NDArray[Any]) -> BusFrames:
         """Some of the frames: `which` (N,) whether, or their places in the order wanted."""
         return BusFrames(
-            self.t[which], self.ident[which], self.bus[which], self.buses, self.lengths[which], self.rows[which]
-        )
+            self.t[which], self.ident[which], self.bus[which], self.buses, self.lengths[which], self.rows[which],
+            self.start_ns,
+        )  # fmt: skip
 
 
 def bus_kind(path: Path) -> str:
@@ -105,13 +108,13 @@ def read_frames(
     held: list[Any] = []
     read = 0
     cut, behind, warned = _cut_short(path, kind), "", list[str]()
-    lines = CandumpLines(path) if kind == "candump" else None
+    lines = CandumpLines(path) if kind == "candump" else AscLines(path) if kind == "ASC" else None
     ordered = _InOrder()
     containers: WholeContainers | None = None
     try:
         if kind == "BLF":
             containers = WholeContainers(path, lambda: ordered.since_first(held))
-        opened = containers or lines or (AscLines(path) if kind == "ASC" else str(path))
+        opened = containers or lines or str(path)
         with _warnings_in(warned), readers[kind](opened) as reader:
             for message in reader:
                 if message.is_error_frame or message.is_remote_frame:
@@ -120,18 +123,18 @@ def read_frames(
                 if not (abs(message.timestamp) < _LATEST and 0 <= message.arbitration_id < EXTENDED):
                     raise ValueError(f"identifier {message.arbitration_id:#x} at {message.timestamp} s")
                 if len(held) >= FRAMES:
-                    yield from ordered.of(_packed(held, buses))
+                    yield from ordered.of(_packed(held, buses, lines))
                     held = []
                 held.append(message)
                 read += 1
-            if cut and kind in ("ASC", "TRC"):
+            if cut and kind == "TRC":
                 held = held[:-1]  # of the line that is not whole
     except Exception as cause:  # the readers raise exceptions of many kinds for what is no frame
         behind = f"frame {read + 1} of this {kind} log cannot be read: {str(cause) or type(cause).__name__}"
         if not cut:
-            yield from ordered.of(_packed(held, buses) if held else None, last=True)
+            yield from ordered.of(_packed(held, buses, lines) if held else None, last=True)
             raise fault(path, behind) from None
-    final = list(ordered.of(_packed(held, buses) if held else None, last=True))
+    final = list(ordered.of(_packed(held, buses, lines) if held else None, last=True))
     if damage is not None:
         left_out = lines.damage if lines else ""
         found = [
@@ -232,7 +235,7 @@ def _warnings_text(path: Path, warned: Sequence[str]) -> str:
     return f"{path.name}: its reader warns {len(warned)} times, the first: {warned[0].strip()}" if warned else ""
 
 
-def _packed(messages: list[Any], buses: dict[str, int]) -> BusFrames:
+def _packed(messages: list[Any], buses: dict[str, int], lines: object) -> BusFrames:
     count = len(messages)
     data = [bytes(message.data) for message in messages]
     lengths = np.fromiter(map(len, data), np.int64, count)
@@ -243,6 +246,7 @@ def _packed(messages: list[Any], buses: dict[str, int]) -> BusFrames:
         np.fromiter((m.timestamp for m in messages), float, count),
         np.fromiter((m.arbitration_id | (EXTENDED if m.is_extended_id else 0) for m in messages), np.uint32, count),
         np.array(bus), tuple(buses), lengths, np.frombuffer(joined, np.uint8).reshape(count, width),
+        lines.start_ns if isinstance(lines, AscLines) else 0,
     )  # fmt: skip
 
 
@@ -296,7 +300,7 @@ def _joined(parts: Sequence[BusFrames], buses: tuple[str, ...]) -> BusFrames:
     width = max(part.rows.shape[1] for part in parts)
     rows = np.concatenate([_widened(part.rows, width) for part in parts])
     t, ident, lengths = (np.concatenate([getattr(part, name) for part in parts]) for name in ("t", "ident", "lengths"))
-    return BusFrames(t, ident, bus, buses, lengths, rows)
+    return BusFrames(t, ident, bus, buses, lengths, rows, parts[0].start_ns)
 
 
 def _widened(rows: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:

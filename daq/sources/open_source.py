@@ -68,7 +68,9 @@ def open_source(path: str | Path, reading: Reading | None = None) -> Source:
     if kind := bus_kind(file):
         from lacet.daq.sources.bus import BusSource
 
-        return BusSource(file, reading.dbc, lambda lost: read_frames(file, kind, lost), None)
+        source = BusSource(file, reading.dbc, lambda lost: read_frames(file, kind, lost), None)
+        source.without_zone = kind in ("ASC", "BLF")
+        return source
     match KINDS.get(file.suffix.lower()):
         case "text table" | "candump" | "ASC" | "TRC":
             from lacet.daq.sources.csv_table import CsvTable

@@ -92,6 +92,7 @@ class Source(ABC):
     path : the file.
     listed : everything with a name that has numbers, by name.
     start_ns : instant of time 0 [ns since the Unix epoch], None where the file does not say.
+    without_zone : whether that is by a date without a time zone, taken as UTC.
     notes : what was found or assumed, one line each.
     done : share of the file read so far.
     """
@@ -99,6 +100,7 @@ class Source(ABC):
     path: Path
     listed: dict[str, Listed] = field(default_factory=dict)
     start_ns: int | None = None
+    without_zone: bool = False
     notes: list[str] = field(default_factory=list)
     done: float = 0.0
 

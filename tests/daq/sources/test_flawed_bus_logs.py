@@ -14,9 +14,12 @@ import pytest
 from lacet.daq.errors import RunError
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.maps.channel_map import ChannelMap
+from lacet.daq.maps.mapped_run import mapped_run
 from lacet.daq.run import Run
 from lacet.daq.sources import frames as frame_readers
 from lacet.daq.sources.bus_log import StepNs, read_bus_log
+from lacet.daq.sources.open_source import open_source
+from lacet.daq.sources.source import Reading
 
 DBC = """VERSION ""
 BU_: ECU
@@ -203,6 +206,83 @@ def test_identifiers_that_the_dbc_lacks_are_named_with_their_length_where_the_nu
     lines = [line.replace(" 200#", " 18FEF200#") for line in lines]
     with pytest.raises(RunError, match=r"it has 0x100 \(29 bits\), 0x18fef200$"):
         imported(tmp_path, lines)
+
+
+def asc(folder: Path, header: str, first: float = 0.0, name: str = "drive.asc", decimal: bool = False) -> Path:
+    """An ASC log of the drive with this header, its first frame stamped so [s]."""
+    ids, form = (("256", "512"), "03d") if decimal else (("100", "200"), "02X")
+    lines = header.splitlines()
+    for k in range(COUNT):
+        low, high = (1000 + k).to_bytes(2, "little")
+        lines.append(f"   {first + 0.01 * k:.6f} 1  {ids[0]}             Rx   d 2 {low:{form}} {high:{form}}")
+        lines.append(f"   {first + 0.01 * k + 0.003:.6f} 1  {ids[1]}             Tx   d 2 00 00  Length = 244 ID = 9")
+    (folder / "car.dbc").write_text(DBC, encoding="utf-8")
+    (folder / name).write_text("\n".join(lines) + "\nEnd TriggerBlock\n", encoding="utf-8")
+    return folder / name
+
+
+HEADER = "date Sun Jun 15 03:06:44.001 pm 2025\nbase hex  timestamps absolute\ninternal events logged\n"
+
+
+@pytest.mark.parametrize("kind", ["hex", "dec"])
+def test_lines_of_an_asc_log_that_are_no_frames_are_left_out_with_number_and_text(kind: str, tmp_path: Path) -> None:
+    """Events of other kinds are known, and no damage."""
+    log = asc(tmp_path, HEADER.replace("hex", kind), decimal=kind == "dec")
+    lines = log.read_text().splitlines()
+    whole = len(read_bus_log(log)["0"])
+    for at, line in {
+        20: "   0.07 1  garbage", 30: "nonsense", 40: "   0.12 1  100  Rx   d 2 00",
+        50: "   0.17 1  100  Rx   d 2 0G 00",
+        60: "   0.21 1  Statistic: D 3 R 0 XD 0 XR 0 E 0 O 0 B 0.00%", 70: "   0.25 1  ErrorFrame", 80: "",
+        90: "   0.3 CAN 1 Status:chip status error active", 100: "// a remark", 110: "   0.4 CANFD 1 Rx 99 1 0 2 2 00",
+        120: "   0.45 1  123             Rx   r", 130: "   0.5 SV: 2 0 1 ::Door = 1",
+    }.items():  # fmt: skip
+        lines.insert(at, line)
+    log.write_text("\n".join(lines) + "\n")
+    damage: list[str] = []
+    assert len(read_bus_log(log, damage)["0"]) == whole
+    assert damage == [
+        "drive.asc: 5 lines are no frames and are left out, the first: line 21, '0.07 1  garbage'"
+    ]  # fmt: skip
+    assert len(open_run(log, ChannelMap.parse(MAP, "map", tmp_path)).signals["car.speed"].t) == COUNT
+
+
+BEGAN = 1_750_000_004_001_000_000
+"""The date of `HEADER`, 2025-06-15 15:06:44.001 UTC [ns]."""
+
+
+@pytest.mark.parametrize(
+    ("header", "first", "start_ns"),
+    [
+        (HEADER, 0.0, BEGAN),
+        (HEADER, 7.5, BEGAN + 7_500_000_000),
+        (HEADER + "Begin Triggerblock Sun Jun 15 03:06:44.000 pm 2025", 0.0, BEGAN),
+        (HEADER + "Begin Triggerblock Sun Jun 15 03:06:51.000 pm 2025", 7.5, BEGAN + 7_500_000_000),
+        (HEADER.replace("03:06:44.001 pm", "15:06:44.001"), 0.0, BEGAN),
+        (HEADER.replace("Sun Jun", "Son Jun").replace("03:06:44.001 pm", "15:06:44.001"), 0.0, BEGAN),
+        (HEADER.replace("2025", "2026") + "Begin Triggerblock Sun Jun 15 15:06:44.1 2025", 0.0, BEGAN),  # python-can
+        (HEADER.replace("Jun 15", "Junk 99"), 2.0, 2_000_000_000),
+    ],
+)
+def test_an_asc_log_begins_at_the_date_of_its_header(header: str, first: float, start_ns: int, tmp_path: Path) -> None:
+    log = asc(tmp_path, header, first)
+    (frames,) = read_bus_log(log).values()
+    assert frames.t_ns[0] == start_ns
+    np.testing.assert_allclose(np.diff(frames.t_ns[::2]), 1e7, atol=2)
+    source = open_source(log, Reading(dbc=(tmp_path / "car.dbc",)))
+    assert source.start_ns == (start_ns if start_ns > 1e18 else None)
+
+
+def test_asc_logs_of_one_drive_are_on_one_clock_by_their_headers(tmp_path: Path) -> None:
+    """A file with a time zone hours away is said."""
+    first, second = asc(tmp_path, HEADER), asc(tmp_path, HEADER.replace("44.001", "48.002"), name="second.asc")
+    text = MAP.replace('"Speed"', '"drive.DYN.Speed"').replace('"Angle"', '"second.STEER.Angle"')
+    run = mapped_run([first, second], ChannelMap.parse(text, "map", tmp_path))
+    assert run.problems == ()
+    assert run.signals["steering.angle"].t[0] - run.signals["car.speed"].t[0] == pytest.approx(4.004)
+    (tmp_path / "second.log").write_text("\n".join(later(line, 7200.0 + 5e7) for line in drive()))
+    run = mapped_run([first, tmp_path / "second.log"], ChannelMap.parse(text, "map", tmp_path))
+    assert any("drive.asc begins -2.00 h from the other files" in problem for problem in run.problems)
 
 
 @pytest.mark.parametrize("at", [0.1, 0.5, 0.97])
