@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from lacet.daq.frames import Frames, wire_idents
-from lacet.daq.sources.frames import BusFrames, Step, bus_kind, is_bus_log, read_frames, read_mdf_frames
+from lacet.daq.sources.frames import Beside, BusFrames, bus_kind, is_bus_log, read_frames, read_mdf_frames
 from lacet.daq.sources.source import fault
 
 KINDS = "candump, BLF, ASC, TRC, or an MDF bus log (.mf4)"
@@ -20,27 +19,19 @@ def is_raw_log(path: Path) -> bool:
     return path.suffix.lower() in (".mf4", ".mdf") or bool(path.is_file() and bus_kind(path))
 
 
-class StepNs(NamedTuple):
-    """A clock put back: `bus` in the log, when on the stamps that go on, `t_ns` [ns], and by how much, `size` [s]."""
-
-    bus: str
-    t_ns: int
-    size: float
-
-
 def read_bus_log(
-    path: Path, damage: list[str] | None = None, put_back: list[StepNs] | None = None
+    path: Path, damage: list[str] | None = None, beside: Beside | None = None
 ) -> dict[str, Frames]:  # fmt: skip
     """All data frames of a log, by the name or number of the bus in it, in order of their stamps.
 
     Where the log's clock was put back stamps go on from the last one, in the order of the file. That, and what is lost
-    of a log that is cut short, is added to `damage`, one line each, and the steps to `put_back`. Error and remote
-    frames are left out. Raises RunError for a file that is none or cannot be read.
+    of a log that is cut short, is added to `damage`, one line each, and the steps to `beside`, with the number of error
+    and remote frames, which are left out. Raises RunError for a file that is none or cannot be read.
     """
     if not path.is_file():
         raise fault(path, "no such file")
-    steps: list[Step] = []
-    start_ns, pieces = _opened(path, damage, steps)
+    beside = Beside() if beside is None else beside
+    start_ns, pieces = _opened(path, damage, beside)
     parts: dict[str, list[Frames]] = {}
     origin = 0.0
     for at, piece in enumerate(pieces):
@@ -53,20 +44,19 @@ def read_bus_log(
             parts.setdefault(name, []).append(_packed(name, piece, t_ns, np.flatnonzero(piece.bus == number)))
     if not parts:
         raise fault(path, "it holds no frames", *(damage or []))
-    if put_back is not None:
-        put_back += [StepNs(bus, (start_ns or 0) + round((t - origin) * 1e9), size) for bus, t, size in steps]
+    beside.zero_ns = (start_ns or 0) - round(origin * 1e9)
     return {name: _in_order(Frames.concat(name, frames)) for name, frames in parts.items()}
 
 
-def _opened(path: Path, damage: list[str] | None, steps: list[Step]) -> tuple[int | None, Iterator[BusFrames]]:
+def _opened(path: Path, damage: list[str] | None, beside: Beside) -> tuple[int | None, Iterator[BusFrames]]:
     if kind := bus_kind(path):
-        return None, read_frames(path, kind, damage, steps)
+        return None, read_frames(path, kind, damage, beside)
     if path.suffix.lower() in (".mf4", ".mdf"):
         from lacet.daq.sources.mdf import open_mdf, start_of
 
         mdf = open_mdf(path)
         if is_bus_log(mdf):
-            return start_of(mdf), read_mdf_frames(path, mdf, damage, steps)
+            return start_of(mdf), read_mdf_frames(path, mdf, damage, beside)
         raise fault(
             path, "this MDF file holds measured channels, no raw frames of a bus: lacet import reads it by a map"
         )

@@ -98,8 +98,13 @@ class _Lines(io.StringIO):
 class CandumpLines(_Lines):
     """A candump log read line by line, without error frames, lines that are no frames, and a last line that is cut off.
 
-    `unreadable` : lines left out that are no frames; `first` : number and text of the first of them.
+    `unreadable` : lines left out that are no frames; `first` : number and text of the first of them; `error_frames` :
+    how many of them.
     """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.error_frames = 0
 
     def _kept(self, lines: Iterable[str]) -> Iterator[str]:
         for number, line in enumerate(lines, 1):
@@ -107,7 +112,11 @@ class CandumpLines(_Lines):
             if found is None:
                 if line.endswith("\n") and line.strip():
                     self._leave_out(number, line.strip())
-            elif line.endswith("\n") and not int(found[1], 16) & _ERROR:
+            elif not line.endswith("\n"):
+                continue
+            elif int(found[1], 16) & _ERROR:
+                self.error_frames += 1
+            else:
                 yield line
 
 

@@ -6,7 +6,7 @@ import logging
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -43,6 +43,35 @@ class Step(NamedTuple):
     bus: str
     t: float
     size: float
+
+
+@dataclass
+class Beside:
+    """What a bus log has beside its data frames.
+
+    Attributes
+    ----------
+    steps : steps back of its clock.
+    errors, remote : number of error frames and of remote frames.
+    zero_ns : instant of stamp 0 [ns since the Unix epoch].
+    not_asked : number of data frames of each bus that was not asked for.
+    """
+
+    steps: list[Step] = field(default_factory=list)
+    errors: int = 0
+    remote: int = 0
+    zero_ns: int = 0
+    not_asked: dict[str, int] = field(default_factory=dict)
+
+    def lines(self) -> list[str]:
+        """What is not decoded or played, a sentence each."""
+        kinds = {"error": self.errors, "remote": self.remote}
+        counts = [f"{count:,} {kind} frame{'s' if count > 1 else ''}" for kind, count in kinds.items() if count]
+        out = [f"{' and '.join(counts)} of the log are not used"] if counts else []
+        return out + [
+            f"bus {name} of the log is none of the rig's: {count:,} frames are not used (with --as {name}=BUS they are)"
+            for name, count in self.not_asked.items()
+        ]
 
 
 @dataclass(frozen=True)
@@ -92,12 +121,12 @@ def bus_kind(path: Path) -> str:
 
 
 def read_frames(
-    path: Path, kind: str, damage: list[str] | None = None, steps: list[Step] | None = None
+    path: Path, kind: str, damage: list[str] | None = None, beside: Beside | None = None
 ) -> Iterator[BusFrames]:
     """Frames of a text or BLF log, `FRAMES` at a time, with stamps that go on where its clock was put back.
 
-    What is lost, and such steps, are added to `damage`, one line each; the steps to `steps`. Raises RunError with the
-    place of what cannot be read.
+    What is lost, and such steps, are added to `damage`, one line each; the steps and the frames of other kinds to
+    `beside`. Raises RunError with the place of what cannot be read.
     """
     import can  # here, for it takes a while to load
 
@@ -106,7 +135,7 @@ def read_frames(
     }  # fmt: skip
     buses: dict[str, int] = {}
     held: list[Any] = []
-    read = 0
+    read = errors = remote = 0
     cut, behind, warned = _cut_short(path, kind), "", list[str]()
     lines = CandumpLines(path) if kind == "candump" else AscLines(path) if kind == "ASC" else None
     ordered = _InOrder()
@@ -119,6 +148,8 @@ def read_frames(
             for message in reader:
                 if message.is_error_frame or message.is_remote_frame:
                     read += 1
+                    errors += message.is_error_frame
+                    remote += not message.is_error_frame
                     continue
                 if not (abs(message.timestamp) < _LATEST and 0 <= message.arbitration_id < EXTENDED):
                     raise ValueError(f"identifier {message.arbitration_id:#x} at {message.timestamp} s")
@@ -143,8 +174,10 @@ def read_frames(
             *ordered.lines(path), _warnings_text(path, warned),
         ]  # fmt: skip
         damage += [line for line in found if line and line not in damage]
-    if steps is not None:
-        steps += ordered.steps
+    if beside is not None:
+        beside.steps += ordered.steps
+        beside.errors += errors + (lines.error_frames if isinstance(lines, CandumpLines) else 0)
+        beside.remote += remote
     yield from final
 
 
@@ -256,11 +289,11 @@ def is_bus_log(mdf: Any) -> bool:
 
 
 def read_mdf_frames(
-    path: Path, mdf: Any, damage: list[str] | None = None, steps: list[Step] | None = None
+    path: Path, mdf: Any, damage: list[str] | None = None, beside: Beside | None = None
 ) -> Iterator[BusFrames]:
     """Frames of an MDF bus log in order of their stamps, at most `FRAMES` of each group at a time.
 
-    Stamps of a group go on where its clock was put back, which is added to `damage` and `steps` as by `read_frames`.
+    Stamps of a group go on where its clock was put back, which is added to `damage` and `beside` as by `read_frames`.
 
     Recorders write a group for each bus, each kind of frame or each direction: a piece holds the frames of all groups
     up to one time, so that it shows on which buses a message is.
@@ -277,8 +310,8 @@ def read_mdf_frames(
     for ordered in orders:
         if damage is not None:
             damage += [line for line in ordered.lines(path) if line not in damage]
-        if steps is not None:
-            steps += ordered.steps
+        if beside is not None:
+            beside.steps += ordered.steps
 
 
 def _in_order(pieces: Iterator[BusFrames], ordered: _InOrder) -> Iterator[BusFrames]:

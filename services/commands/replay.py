@@ -16,6 +16,7 @@ from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.frames import Frames
 from lacet.daq.rig import Rig
 from lacet.daq.sources.bus_log import KINDS, is_raw_log, read_bus_log
+from lacet.daq.sources.frames import Beside
 from lacet.services.acquisition.other_logs import OPTION, frames_for
 from lacet.services.acquisition.player import Progress, replay
 from lacet.services.acquisition.system_calls import require_linux
@@ -137,7 +138,11 @@ def _frames(args: argparse.Namespace) -> tuple[Rig, dict[str, Frames]]:
         if args.rig is None:
             raise UsageError(f"{args.capture}: a bus log says nothing of wires; give the rig they are in: --rig FILE")
         rig = Rig.load(args.rig)
-        frames = frames_for(args.capture, rig, args.buses)
+        damage: list[str] = []
+        beside = Beside()
+        frames = frames_for(args.capture, rig, args.buses, damage, beside)
+        for line in [*damage, *beside.lines()]:
+            print(line, file=sys.stderr)
         if unknown := sorted(set(args.bus or ()) - set(frames)):
             raise UsageError(f"--bus {unknown[0]}: played are {', '.join(frames)}{nearest(unknown[0], frames)}")
         return rig, {name: batch for name, batch in frames.items() if name in (args.bus or frames)}

@@ -17,6 +17,7 @@ from lacet.daq.run import Mark
 from lacet.daq.run_limits import RunLimits
 from lacet.identify.progress import silent
 from lacet.services.acquisition.log_decoder import Late, LogDecoder
+from lacet.services.acquisition.other_logs import NOT_USED
 from lacet.services.acquisition.own_drivers import OwnDrivers
 from lacet.services.acquisition.stream_decoder import Decoder, closing_record
 from lacet.services.progress import Progress, ServiceStage, ServiceStep, Stretch
@@ -83,7 +84,10 @@ def decode_log(
         "failures": decoder.failures,
         "absent": [name for name in decoder.channels if name not in log.samples],
         "damage": _damage(reader),
-        "notes": pause_lines({name: stamps.found for name, stamps in log.stamps.items()}),
+        "notes": [
+            *reader.start.extra.get(NOT_USED, "").splitlines(),
+            *pause_lines({name: stamps.found for name, stamps in log.stamps.items()}),
+        ],
     }
 
 

@@ -17,7 +17,8 @@ from lacet.daq.maps.channel_map import ChannelMap
 from lacet.daq.maps.mapped_run import mapped_run
 from lacet.daq.run import Run
 from lacet.daq.sources import frames as frame_readers
-from lacet.daq.sources.bus_log import StepNs, read_bus_log
+from lacet.daq.sources.bus_log import read_bus_log
+from lacet.daq.sources.frames import Beside
 from lacet.daq.sources.open_source import open_source
 from lacet.daq.sources.source import Reading
 
@@ -126,8 +127,8 @@ def test_clocks_are_put_back_more_than_once_and_on_each_bus_by_itself(tmp_path: 
     mixed = [*lines[:400], *other[:350], *lines[400:], *other[350:]]
     (tmp_path / "drive.log").write_text("\n".join(mixed) + "\n", encoding="utf-8")
     damage: list[str] = []
-    steps: list[StepNs] = []
-    buses = read_bus_log(tmp_path / "drive.log", damage, steps)
+    beside = Beside()
+    buses = read_bus_log(tmp_path / "drive.log", damage, beside)
     for frames in buses.values():
         expected = 0.01 * (np.arange(2 * COUNT) // 2) + 0.003 * (np.arange(2 * COUNT) % 2)
         np.testing.assert_allclose((frames.t_ns - frames.t_ns[0]) / 1e9, expected, atol=3e-6)
@@ -136,7 +137,7 @@ def test_clocks_are_put_back_more_than_once_and_on_each_bus_by_itself(tmp_path: 
         "on as if it had not been"
         for bus in ("can0", "can1")
     ]
-    assert [(one.bus, round((one.t_ns - 17 * 10**17) / 1e9, 3), round(one.size, 3)) for one in steps] == [
+    assert [(one.bus, round(beside.zero_ns / 1e9 + one.t - 1.7e9, 3), round(one.size, 3)) for one in beside.steps] == [
         (bus, t, size) for bus in ("can0", "can1") for t, size in ((1.5, 9.0), (2.5, 0.5))
     ]
 

@@ -204,6 +204,29 @@ def test_a_log_cut_short_is_told_by_import_and_decode(tmp_path, suffix, capsys):
     assert any(damage[0] in problem for problem in open_run(tmp_path / "decoded.mcap").problems)
 
 
+@pytest.mark.parametrize("suffix", [".log", ".blf", ".asc"])
+def test_buses_and_frames_of_a_log_that_are_not_used_are_said(tmp_path, capsys, suffix):
+    """With their number; the exit code is that of the samples."""
+    log = tmp_path / f"drive{suffix}"
+    with can.LogReader(str(CAN / "road-car.candump.log")) as frames, can.Logger(str(log)) as writer:
+        for k, message in enumerate(itertools.islice(frames, 1500)):
+            message.channel = "can0" if suffix == ".log" else 0
+            writer(message)
+            if k % 3 == 0:
+                message.channel = "can1" if suffix == ".log" else 1
+                writer(message)
+            if k in (10, 20, 30):
+                error = k != 20
+                kind = {"is_error_frame": error, "is_remote_frame": not error, "is_extended_id": error}
+                writer(can.Message(message.timestamp, 0 if error else 256, channel=message.channel, **kind))
+    words = ["decode", str(log), "--rig", str(rig(tmp_path)), "-o", str(tmp_path / "run.mcap")]
+    name = "can1" if suffix == ".log" else "1"
+    assert main(words + (["--as", "0=can0"] if suffix != ".log" else [])) == 0
+    said = capsys.readouterr().out
+    assert "2 error frames and 1 remote frame of the log are not used" in said
+    assert f"bus {name} of the log is none of the rig's: 500 frames are not used (with --as {name}=BUS" in said
+
+
 def test_a_clock_put_back_in_a_log_is_an_event_and_damage_of_the_run(tmp_path, capsys):
     """Every sample is there, in the order of the drive."""
     lines = (CAN / "road-car.candump.log").read_text().splitlines(keepends=True)[:4000]
