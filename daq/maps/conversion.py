@@ -16,7 +16,7 @@ from lacet.daq.maps.channel_map import ChannelMap, Said
 from lacet.daq.maps.resolution import Key, in_si, resolved
 from lacet.daq.sources.columns import SINCE_1970
 from lacet.daq.sources.open_source import open_source
-from lacet.daq.sources.source import Array, Series, Source, names_of_all, resolve
+from lacet.daq.sources.source import Array, Series, Source, names_of_all, resolve, unseen_of_all
 from lacet.daq.units import read_unit
 
 _ZONES = 900.0
@@ -229,7 +229,7 @@ class Conversion:
         self._places = names_of_all(self.sources)
         units = {own: self.sources[at].listed[name].unit for own, (at, name) in self._places.items()}
         in_full = {full: name for source in self.sources for full, name in source.in_full().items()}
-        found = resolved(self.map, units, in_full)
+        found = resolved(self.map, units, in_full, unseen_of_all(self.sources))
         lacking = [f"{name} was left out: {why}" for name, why in found.lacking.items()]
         self.assemblies = [Assembly(*one) for one in found.recipes]
         if len(starts) > 1 and not absolute and not self._delays_said():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import NamedTuple
@@ -45,11 +45,13 @@ class Resolution:
 
 
 def resolved(
-    map_: ChannelMap, units: Mapping[str, str], in_full: Mapping[str, str] = MappingProxyType({})
-) -> Resolution:
+    map_: ChannelMap, units: Mapping[str, str], in_full: Mapping[str, str] = MappingProxyType({}),
+    unseen: Collection[str] = (),
+) -> Resolution:  # fmt: skip
     """The channels of a map by the names of a log.
 
     `units` : name in the log → its unit there, empty for none. `in_full` : name with its bus → name in the log.
+    `unseen` : names that are meant only where the map has them in full.
     """
     out = Resolution()
     parts: dict[str, dict[int, Mapped]] = {}
@@ -66,7 +68,7 @@ def resolved(
             continue
         try:
             columns = [found[i] for i in range(channel.width)]
-            keys = [_keys(map_, one, units, in_full, without) for one in columns]
+            keys = [_keys(map_, one, units, in_full, without, unseen) for one in columns]
             if not any(keys):
                 raise ValueError("constants only: no name of the log is in it")
             out.recipes.append(Recipe(channel, columns, keys))
@@ -77,8 +79,9 @@ def resolved(
 
 
 def _keys(
-    map_: ChannelMap, mapped: Mapped, units: Mapping[str, str], in_full: Mapping[str, str], without: dict[str, None]
-) -> dict[str, Key]:
+    map_: ChannelMap, mapped: Mapped, units: Mapping[str, str], in_full: Mapping[str, str], without: dict[str, None],
+    unseen: Collection[str],
+) -> dict[str, Key]:  # fmt: skip
     """The series of a column's expression. Raises ValueError in words."""
     out: dict[str, Key] = {}
     known: dict[str, Unit | None] = {}
@@ -86,7 +89,7 @@ def _keys(
         said = map_.said(source)
         try:
             asked = said.name or source
-            found = resolve(in_full.get(asked, asked), units, str if said.name else written_name)
+            found = resolve(in_full.get(asked, asked), units, str if said.name else written_name, unseen)
         except KeyError as cause:
             raise ValueError(f"{mapped.column}: {cause.args[0]}") from None
         unit = mapped.unit or said.unit or map_.said(found).unit or units[found]

@@ -54,7 +54,9 @@ class BusSource(Source):
                         "" if mine.any() else ", no frame of it seen"
                     )
                     also = f"{names_of_buses[0]}{name}" if len(buses) == 1 else ""
-                    self.listed.setdefault(name, Listed(name, one.signal.unit, None, place, also))
+                    self.listed.setdefault(
+                        name, Listed(name, one.signal.unit, None, place, also, unseen=not mine.any())
+                    )
         known = np.zeros(len(first.ident), bool)
         for message in self._messages:
             known |= message.of(first.ident)

@@ -34,6 +34,7 @@ class Listed:
     also : its name in full, with the bus that the log's other names are told apart by; or one that it had before.
     units : units that it can have, where the format leaves it one of several.
     quantity : words for what it is, where the format fixes it.
+    unseen : whether the log describes it and has, at its beginning, no sample of it.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Listed:
     also: str = ""
     units: tuple[str, ...] = ()
     quantity: str = ""
+    unseen: bool = False
 
 
 @dataclass(frozen=True)
@@ -132,13 +134,19 @@ class Source(ABC):
         return {one.also: name for name, one in self.listed.items() if one.also}
 
 
-def resolve(name: str, known: Collection[str], written: Callable[[str], str] = str) -> str:
-    """As `Source.resolve`, among any names; `written` : how one is written where it is asked for."""
+def resolve(
+    name: str, known: Collection[str], written: Callable[[str], str] = str, unseen: Collection[str] = ()
+) -> str:  # fmt: skip
+    """As `Source.resolve`, among any names.
+
+    `written` : how one is written where it is asked for. `unseen` : names that are meant only where written in full.
+    """
     if name in known:
         return name
     asked = name.replace("/", ".")
     for same in (str, str.lower):
         found = [one for one in known if f".{same(one)}".replace("/", ".").endswith(f".{same(asked)}")]
+        found = [one for one in found if one not in unseen] or found
         if len(found) == 1:
             return found[0]
         if found:
@@ -159,6 +167,13 @@ def names_of_all(sources: Sequence[Source]) -> dict[str, tuple[int, str]]:
         for at, (file, source) in enumerate(zip(files, sources, strict=True))
         for name in source.listed
     }
+
+
+def unseen_of_all(sources: Sequence[Source]) -> set[str]:
+    """Names as of `names_of_all` of which their log has no sample, and another log has some by the same name."""
+    seen = {name for source in sources for name, one in source.listed.items() if not one.unseen}
+    places = names_of_all(sources)
+    return {own for own, (at, name) in places.items() if sources[at].listed[name].unseen and name in seen}
 
 
 def _last(name: str) -> str:

@@ -65,7 +65,7 @@ dead link is reported and opened again; a full disk is reported and publishing g
   lacet record ... --listen tls/0.0.0.0:7447 --keys keys/peugeot     workers on other machines (lacet keys)
   lacet record ... --connect tls/10.0.0.9:7447 --keys keys/peugeot   through a router elsewhere
 
-Exit code: 0, or 3 when frames were lost; what was lost where is printed and in the log."""
+Exit code: 0, or 3 when frames were lost or none came; what was lost where is printed and in the log."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -118,7 +118,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Record. Returns 0, or 3 when anything was lost."""
+    """Record. Returns 0, or 3 when anything was lost, or nothing came."""
     require_linux("recordings")
     rig = Rig.load(args.rig)
     vehicle = Vehicle.load(args.vehicle)
@@ -222,7 +222,7 @@ def run(args: argparse.Namespace) -> int:
             "acknowledged": acks,
         },
     )
-    return WITH_LOSSES if summary.losses or summary.log_error else DONE
+    return WITH_LOSSES if summary.losses or summary.log_error or not any(summary.frames.values()) else DONE
 
 
 def _receivers(args: argparse.Namespace, rig: Rig) -> list[Receiver]:
@@ -269,6 +269,8 @@ def _ready(args: argparse.Namespace) -> None:
 
 def _closing(summary: Summary) -> str:
     lost = lost_text(summary.losses)
+    if not lost and not any(summary.frames.values()):
+        return f"{summary.reason}. NOTHING CAME: the log has no frame of any bus"
     frames = ", ".join(f"{name} {number}" for name, number in summary.frames.items())
     doubt = doubtful_counter_text(summary.losses, summary.frames)
     said = f"{summary.reason}. Frames: {frames or 'none'}. {'LOST: ' + lost if lost else 'Nothing was lost.'}"

@@ -15,6 +15,7 @@ from asammdf.blocks.source_utils import Source as MdfOrigin
 from lacet.daq.errors import RunError
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.maps.channel_map import ChannelMap
+from lacet.daq.maps.mapped_run import mapped_run
 from lacet.daq.sources import frames as frame_readers
 from lacet.daq.sources.bus_log import read_bus_log
 from lacet.daq.sources.open_source import open_source
@@ -214,6 +215,21 @@ def test_a_map_of_two_buses_fits_a_log_of_the_one_that_it_names(bus: int, tmp_pa
     else:
         with pytest.raises(RunError, match=r"there is no '1\.DYN\.YawRate'"):
             open_run(log, channel_map)
+
+
+def test_of_a_message_in_one_of_two_logs_the_name_need_not_say_which(tmp_path: Path) -> None:
+    """With one DBC for both, also where another file stands first; in full it can be written, too."""
+    described(tmp_path)
+    for name, ident in (("turn", 0x100), ("wheel", 0x300)):
+        frames = [frame for frame in drive_of(1) if frame[2] == ident]
+        (tmp_path / f"{name}.log").write_text("".join(f"({t:.6f}) 1 {i:03X}#{d.hex()}\n" for t, _, i, d in frames))
+    text = 'format = "lacet-map 1"\n[read]\ndbc = ["motion.dbc"]\n[channels]\n"car.yaw_rate" = "YawRate"\n'
+    logs = [tmp_path / "wheel.log", tmp_path / "turn.log"]
+    run = mapped_run(logs, ChannelMap.parse(text + '"steering.angle" = "wheel.LONG.SteerAngle"', "map", tmp_path))
+    np.testing.assert_allclose(run.signals["car.yaw_rate"].values[:, 0], np.deg2rad(0.01 * YAW), atol=1e-12)
+    np.testing.assert_allclose(run.signals["steering.angle"].values[:, 0], np.deg2rad(0.1 * STEER), atol=1e-12)
+    with pytest.raises(RunError, match=r"no sample of wheel\.DYN\.YawRate is in the log"):
+        mapped_run(logs, ChannelMap.parse(text.replace('"YawRate"', '"wheel.DYN.YawRate"'), "map", tmp_path))
 
 
 def test_a_signal_of_another_message_is_not_taken_for_the_one_named(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from lacet.daq.formats.log import LogReader
+from lacet.services.commands.__main__ import main
 from tests.support.processes import ROOT, Command, commands
 from tests.support.rig import free_port, make_capture, rig_text
 
@@ -181,6 +182,18 @@ def test_a_terminal_that_goes_does_not_end_a_recording(tmp_path, running):
     assert log.damage == []
     assert log.stop is not None
     assert len(log.blocks()["wheel.fl.force"]) == 300
+
+
+def test_a_recording_to_which_nothing_came_is_no_success(tmp_path, capsys, monkeypatch):
+    """The log is whole and empty; a script sees the exit code of losses."""
+    monkeypatch.setattr("signal.signal", lambda *_: None)
+    sensor = '[bus.can0]\n[[sensor]]\nname = "car"\nchannels = ["car.speed"]\n'
+    (tmp_path / "rig.toml").write_text(f'format = "lacet-rig 1"\nname = "bare"\n{sensor}')
+    words = ["record", "--rig", "rig.toml", "--vehicle", "peugeot-406", "-o", "run.mcap", "--no-bus"]
+    monkeypatch.chdir(tmp_path)
+    assert main([*words, "--from", f"can0=multicast:{free_port()}", "--duration", "0.1"]) == 3
+    assert "NOTHING CAME: the log has no frame of any bus" in capsys.readouterr().err
+    assert LogReader(tmp_path / "run.mcap").damage == []
 
 
 def test_a_full_disk_does_not_end_a_recording(tmp_path, running):
