@@ -124,6 +124,10 @@ class Dbc(Reader):
             for message, named in keys.items()
         )  # fmt: skip
 
+        self.notes: tuple[str, ...] = tuple(
+            note for one in self._used for note in one.message.overlapping({signal.name for signal, _ in one.signals})
+        )
+
     def _recipes(
         self, options: Mapping[str, Any], signals: Signals, folder: Path | None, file: str
     ) -> tuple[Assembly, ...]:

@@ -73,6 +73,13 @@ class BusSource(Source):
     def pieces(self, names: Collection[str]) -> Iterator[Piece]:
         """Some hundred thousand frames at a time."""
         asked = set(names)
+        for message in self._messages:
+            mine = {
+                one.name
+                for one in message.signals
+                if any(f".{name}".endswith(f".{message.name}.{one.name}") for name in asked)
+            }
+            self.notes += [note for note in message.overlapping(mine) if note not in self.notes] if mine else []
         read = 0
         for frames in self._frames():
             read += len(frames.t)

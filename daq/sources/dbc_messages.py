@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -54,6 +55,14 @@ class BusSignal:
     without_value: tuple[int, ...]
     bytes_needed: int
 
+    def together(self, other: BusSignal) -> bool:
+        """Whether a frame can have both: no multiplexer of theirs excludes it."""
+        return all(
+            mine != theirs or not set(selecting).isdisjoint(others)
+            for mine, selecting in self.needs
+            for theirs, others in other.needs
+        )
+
     def values(self, payload: NDArray[np.uint8], lengths: NDArray[np.int64]) -> Values:
         """The signal's values in frames of its message: `payload` (N, `BusMessage.width`), `lengths` (N,) [byte]."""
         sent = np.ones(len(lengths), bool)
@@ -92,6 +101,14 @@ class BusMessage:
             return ident == np.uint32(self.ident)
         mask = _PGN if (self.ident >> 16) & 0xFF >= 0xF0 else _PGN_TO_ALL
         return (ident & mask) == (np.uint32(self.ident) & mask)
+
+    def overlapping(self, names: Collection[str]) -> list[str]:
+        """Signals among `names` that share bits with another one that is sent with them, a sentence for each pair."""
+        return [
+            f"signals {a.name} and {b.name} of message {self.name} share bits in its DBC: the values of one are wrong"
+            for a, b in combinations(self.signals, 2)
+            if (a.name in names or b.name in names) and a.signal.bits & b.signal.bits and a.together(b)
+        ]
 
     @cached_property
     def width(self) -> int:

@@ -27,6 +27,9 @@ class Driver(Protocol):
     documents: dict[str, str]
     """File name → full text of each file that this instance has its layout from (a DBC); empty where there is none."""
 
+    notes: tuple[str, ...] = ()
+    """What is doubtful in the layout of this instance, a sentence each."""
+
     def start(self) -> State:
         """State before the first frame."""
         ...

@@ -90,6 +90,11 @@ class Decoder:
         return tuple(name for wired in self._wired for name in wired.driver.channels if name in wired.sensor.channels)
 
     @property
+    def notes(self) -> list[str]:
+        """What is doubtful in the layouts of the drivers, a sentence each."""
+        return [f"sensor {wired.sensor.name}: {note}" for wired in self._wired for note in wired.driver.notes]
+
+    @property
     def watched(self) -> tuple[Watched, ...]:
         """The sensors with a driver; rates are those of the channels, where the driver is not for any sender's."""
         return tuple(

@@ -187,13 +187,16 @@ def _log(path: Path) -> tuple[int, dict[str, Any]]:
 
 
 def _rig(rig: Rig) -> dict[str, Any]:
-    Decoder(replace(rig, sensors=tuple(one for one in rig.sensors if one.driver == "dbc")))  # raises what is wrong
+    # Raises what is wrong.
+    decoder = Decoder(replace(rig, sensors=tuple(one for one in rig.sensors if one.driver == "dbc")))
     print(f"rig {rig.name}: {rig.wheel_reference} wheel loads")
     lines = [
         [s.name, s.driver or "-", s.bus or "-", s.axes, f"{1e3 * s.latency:g}", s.clock, str(len(s.channels))]
         for s in rig.sensors
     ]
     print(tables.table(["sensor", "driver", "bus", "axes", "latency ms", "clock", "channels"], lines, text_columns=4))
+    for note in decoder.notes:
+        print(f"! {note}")
     return {"rig": rig.name, "sensors": [s.name for s in rig.sensors]}
 
 

@@ -187,6 +187,8 @@ def run(args: argparse.Namespace) -> int:
             resumed_ns=broken.last_ns if broken else None,
         )
         line.notify(f"run {start.run_id}: recording {', '.join(rig.buses)} to {log.path}")
+        for note in decoder.notes:
+            line.notify(note)
         with marks_by_key(recorder.mark) as keys:
             if keys:
                 line.notify("Enter sets a marker, with the text typed before it; Ctrl-C ends the run")

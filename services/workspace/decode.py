@@ -85,6 +85,7 @@ def decode_log(
         "absent": [name for name in decoder.channels if name not in log.samples],
         "damage": _damage(reader),
         "notes": [
+            *decoder.notes,
             *reader.start.extra.get(NOT_USED, "").splitlines(),
             *pause_lines({name: stamps.found for name, stamps in log.stamps.items()}),
         ],

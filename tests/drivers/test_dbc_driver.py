@@ -498,3 +498,15 @@ def test_a_degree_sign_is_read_in_every_usual_encoding(tmp_path: Path, encoding:
     )
     run = mapped_run([tmp_path / "a.log"], map_)
     assert run.signals["car.yaw_rate"].values[0, 0] == pytest.approx(np.pi / 2)
+
+
+def test_signals_that_share_bits_are_said_where_one_is_used():
+    """Not those of different values of a multiplexer, nor of messages that are not used."""
+    assert driver({"wheel.fl.speed": "Fl", "wheel.fr.speed": "Fr", "car.lateral_accel": "Lat"}).notes == ()
+    shared = DBC.replace("SG_ Yaw : 16|16@1-", "SG_ Yaw : 12|16@1-")
+    made = {
+        name: open_driver("dbc", "can0", {"dbc": "my.dbc", "signals": {name: signal}}, None, {"my.dbc": shared})
+        for name, signal in (("car.lateral_accel", "Lat"), ("car.speed", "Speed"))
+    }
+    said = "signals Lat and Yaw of message Esp share bits in its DBC: the values of one are wrong"
+    assert {name: one.notes for name, one in made.items()} == {"car.lateral_accel": (said,), "car.speed": ()}

@@ -171,6 +171,15 @@ def later(line: str, seconds: float) -> str:
     return f"({float(stamp[1:]) + seconds:.6f}) {rest}"
 
 
+def test_signals_of_a_dbc_that_share_bits_are_said(tmp_path: Path) -> None:
+    """Where the map uses one of them."""
+    other = ' SG_ Other : 8|16@1+ (1,0) [0|0] "" X\n'
+    run = imported(tmp_path, drive(), DBC.replace("BO_ 512", other + "BO_ 512"))
+    assert run.problems == (
+        "signals Speed and Other of message DYN share bits in its DBC: the values of one are wrong",
+    )
+
+
 def test_a_channel_whose_message_never_came_is_named(tmp_path: Path) -> None:
     """Its message is in the DBC, so that its name is known."""
     run = imported(tmp_path, [line for line in drive() if " 200#" not in line])
