@@ -144,13 +144,15 @@ def _places(t: NDArray[np.float64], before: NDArray[np.int64], begin: int, end: 
 
 
 def _late(t: NDArray[np.float64], place: int) -> bool:
-    """Whether the frames from a place on are late: stamps soon return, and theirs were free before."""
+    """Whether the frames from a place on are late: fewer than those before that are stamped later, to whose stamps the
+    log returns, and at times that were free before."""
     returned = np.flatnonzero(t[place : place + WAITED] >= t[place - 1])
     if not returned.size:
         return False
     block, before = t[place : place + int(returned[0])], t[max(0, place - WAITED) : place]
     stamped_so = int(np.count_nonzero((before >= block.min()) & (before <= block.max())))
-    return 2 * stamped_so < len(block)
+    later = int(np.count_nonzero(before > block.max()))
+    return 2 * stamped_so < len(block) <= later
 
 
 def _medians(group: NDArray[np.int64], values: NDArray[np.float64], count: int) -> NDArray[np.float64]:

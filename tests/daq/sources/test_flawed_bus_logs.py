@@ -160,6 +160,13 @@ def test_frames_out_of_order_are_no_clock_put_back(out_of_order: Callable, tmp_p
     assert damage == []
 
 
+def test_a_clock_that_is_put_forward_for_a_while_loses_no_frame(tmp_path: Path) -> None:
+    """A gap, and from there on stamps that go on: the frames between are fewer than those that would be late."""
+    run = imported(tmp_path, [later(line, 1.0 if 300 <= k < 340 else 0.0) for k, line in enumerate(drive())])
+    np.testing.assert_allclose(run.signals["car.speed"].values[:, 0], SPEEDS, atol=1e-9)
+    assert any("its clock is put back by 1.000 s after 2.70 s" in problem for problem in run.problems)
+
+
 def by_ident(line: str) -> str:
     """Its identifier, so that the lines of a message stand together."""
     return line.split()[2][:3]
