@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 from lacet.identify.chains.doubts import Doubts
 from lacet.identify.chains.fit import ChainFit
+
+_TURN = 2.0 * math.pi
+_NEAR = 0.1
+"""Part of a turn by which a leap may differ from it: the joint moves on meanwhile."""
 
 
 def gaps_text(fitted: ChainFit, doubts: Doubts) -> list[str]:
@@ -27,9 +33,12 @@ def gaps_text(fitted: ChainFit, doubts: Doubts) -> list[str]:
                 f"the position of {chain.names[j - 1]} leaps at {leaps[0].start:.4g} s{often} by up to "
                 f"{max(leap.size for leap in leaps):.3g} {unit}"
             )
-            out.append(
-                f"{what}, and goes on from there: a count was lost, or samples are missing (give their times, t=…)"
-                if lasts
-                else f"{what} and back: those samples are not fitted"
-            )
+            if not lasts:
+                out.append(f"{what} and back: those samples are not fitted")
+            elif unit == "rad" and all(abs(leap.size - _TURN) < _NEAR * _TURN for leap in leaps):
+                out.append(f"{what}, a whole turn: its angle is wrapped. Give it as it goes on (numpy.unwrap)")
+            else:
+                out.append(
+                    f"{what}, and goes on from there: a count was lost, or samples are missing (give their times, t=…)"
+                )
     return out

@@ -97,6 +97,15 @@ def test_samples_that_are_missing_without_times_leap_in_all_joints():
     assert off(found) < 2.0
 
 
+def test_an_angle_that_is_wrapped_is_said_to_be():
+    q, tau = record(5, 20.0)
+    wrapped = q.copy()
+    wrapped[len(q) // 2 :, 1] += 2.0 * np.pi
+    said = str(identify_chain(ARM, wrapped, tau, rate=RATE, cutoff=CUTOFF))
+    assert f"The position of {ARM.names[1]} leaps" in said
+    assert "a whole turn: its angle is wrapped" in said
+
+
 def test_motion_and_coarse_encoders_do_not_leap():
     """Fast and slow motion, noise, a coarse encoder and one that flickers; a lost count does, and motion goes on."""
     rng = np.random.default_rng(3)
