@@ -20,6 +20,7 @@ from lacet.identify.selection.columns.layout import Layout
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise
 from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.diagnosis import Diagnosis
 from lacet.identify.selection.rest import AddedLaw, added_laws
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
@@ -60,9 +61,10 @@ def same() -> ScoreTests:
 
 
 @pytest.fixture(scope="module")
-def not_constant() -> Fit:
-    """Two runs in which the spring is another."""
-    return fit_of_runs(2e6, 6e5)
+def not_constant() -> Diagnosis:
+    """Of two runs in which the spring is another."""
+    fitted = fit_of_runs(2e6, 6e5)
+    return diagnose(fitted, floor_of(fitted, DRAWS), TRIED)
 
 
 @pytest.mark.parametrize("key", ["spring_cubic.front", "sensor_gain.force.rr"])
@@ -197,9 +199,9 @@ def test_each_law_found_is_tried_beside_the_others_found(same: ScoreTests, monke
     assert {c for c, _ in asked} == keys
 
 
-def test_a_law_that_changes_from_run_to_run_is_none(not_constant: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_law_that_changes_from_run_to_run_is_none(not_constant: Diagnosis) -> None:
     """Where the rows' own colour does not tell it already."""
-    found = diagnose(not_constant, floor_of(not_constant, DRAWS), TRIED)
+    found = not_constant
     assert found.verdict == "unlisted cause", says(found)
     assert found.best is None
     assert "another law in each run" in says(found)
@@ -208,9 +210,9 @@ def test_a_law_that_changes_from_run_to_run_is_none(not_constant: Fit, monkeypat
     assert "lacks something in suspension.fl, suspension.fr that is not the same in all runs" in says(found)
 
 
-def test_several_laws_that_change_from_run_to_run_are_one_cause(not_constant: Fit) -> None:
+def test_several_laws_that_change_from_run_to_run_are_one_cause(not_constant: Diagnosis) -> None:
     """Said once, with what each would have to be; no small rest, and no part, is said of them beside."""
-    found = diagnose(not_constant, floor_of(not_constant, DRAWS), TRIED)
+    found = not_constant
     (one,) = found.grounds.not_constant.values()
     keys = (CUBIC.key, "coulomb.rear")
     grounds = replace(found.grounds, not_constant=dict.fromkeys(keys, one))

@@ -151,7 +151,7 @@ def test_rows_with_the_same_columns_are_predicted_as_one_by_one(
     drives: dict[str, PreparedRun], models: dict[str, Model]
 ):
     """Of a corner's rows those with other samples than the rest have columns of their own. Draws may be in pieces."""
-    fitted = fit(models["bars"], [drives["sine"], drives["liftoff"]], FitOptions(unbias=False))
+    fitted = fit(models["bars"], [drives["sine"]], FitOptions(unbias=False))
     floor, clear = floor_of(fitted, 19), ClearStates(fitted.runs)
     draws = refitted_draws(fitted, floor)
     first, second = Row.parse("suspension.fl"), Row.parse("tyre.fl")

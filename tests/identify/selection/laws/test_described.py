@@ -14,6 +14,7 @@ from lacet.identify.effects.language.compiled import one_line_effects
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.candidate import Reason
 from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.diagnosis import Diagnosis
 from lacet.identify.selection.joint.refits import Joint
 from lacet.identify.selection.laws import described
 from lacet.identify.selection.laws.formulas import Formula, Law
@@ -37,9 +38,13 @@ def lacks_both() -> Fit:
     return fit_of(driven(exact_with(both, 200000.0, FRICTION), 1))
 
 
-def test_friction_is_found_beside_damping_that_is_not_listed(lacks_both: Fit, floor: NoiseFloor):
+@pytest.fixture(scope="module")
+def found(lacks_both: Fit, floor: NoiseFloor) -> Diagnosis:
+    return diagnose(lacks_both, floor, CANDIDATES)
+
+
+def test_friction_is_found_beside_damping_that_is_not_listed(found: Diagnosis):
     """With its own size: a fit without the law that describes the rest has twice the friction."""
-    found = diagnose(lacks_both, floor, CANDIDATES)
     assert [c.key for c in found.found] == ["coulomb.front"], says(found)
     assert set(found.unlisted_rows) == {"suspension.fl", "suspension.fr"}
     assert found.grounds.assumed == {}
@@ -52,11 +57,8 @@ def test_friction_is_found_beside_damping_that_is_not_listed(lacks_both: Fit, fl
     assert found.after.formulas == found.formulas
 
 
-def test_where_a_stand_in_leaves_noise_alone_an_unlisted_law_is_said_to_explain_more(
-    lacks_both: Fit, floor: NoiseFloor
-):
+def test_where_a_stand_in_leaves_noise_alone_an_unlisted_law_is_said_to_explain_more(found: Diagnosis):
     """And each law at another place is named."""
-    found = diagnose(lacks_both, floor, CANDIDATES)
     assert "something that is not listed remains in" in says(found)
     rows, spring = found.unlisted_rows, "spring_cubic.front"
     quiet = replace(found.grounds, ratios=dict.fromkeys(found.grounds.ratios, 1.0))
@@ -70,10 +72,7 @@ def test_where_a_stand_in_leaves_noise_alone_an_unlisted_law_is_said_to_explain_
         assert "in its place hardly more than noise" not in says(changed)
 
 
-def test_what_acts_on_the_body_alone_and_follows_nothing_is_said_to_come_from_outside(
-    lacks_both: Fit, floor: NoiseFloor
-):
-    found = diagnose(lacks_both, floor, CANDIDATES)
+def test_what_acts_on_the_body_alone_and_follows_nothing_is_said_to_come_from_outside(found: Diagnosis):
     rows = (Row.parse("chassis.fy"), Row.parse("chassis.mz"))
     (law,) = found.formulas[:1]
     little = replace(law, law=replace(law.law, explained=0.2), front=(replace(law.law, explained=0.1),))
@@ -85,9 +84,8 @@ def test_what_acts_on_the_body_alone_and_follows_nothing_is_said_to_come_from_ou
     assert simple_laws(found) == [law.of_one_term.text]
 
 
-def test_several_laws_of_the_travel_at_one_axle_are_said_to_be_one_spring(lacks_both: Fit, floor: NoiseFloor):
+def test_several_laws_of_the_travel_at_one_axle_are_said_to_be_one_spring(found: Diagnosis):
     """An air spring is found as a sum of powers and of a stop without a gap."""
-    found = diagnose(lacks_both, floor, CANDIDATES)
     (friction,) = found.found
     keys = ("spring_quadratic.front", "spring_cubic.front", "bump_stop.front")
     springs = [replace(friction, key=key, shape={}, values=(9.0,), interval=(1.0,)) for key in keys]
@@ -98,8 +96,7 @@ def test_several_laws_of_the_travel_at_one_axle_are_said_to_be_one_spring(lacks_
         assert ("lacet effect DIR 'air = suspension: f*((h/(h - travel))**1.3 - 1)" in text) is said
 
 
-def test_of_two_that_explain_as_much_the_simpler_is_named(lacks_both: Fit, floor: NoiseFloor):
-    found = diagnose(lacks_both, floor, CANDIDATES)
+def test_of_two_that_explain_as_much_the_simpler_is_named(found: Diagnosis):
     (friction,) = found.found
     simple, longer = "spring_cubic.front", "bump_stop.front"  # a size; a size, a gap and an exponent
     found = replace(found, effects={**found.effects, **{key: KNOWN[key] for key in (simple, longer)}})

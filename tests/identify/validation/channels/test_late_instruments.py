@@ -31,7 +31,7 @@ OFF = 0.003
 
 @cache
 def run_of(name: str) -> Run:
-    return piece(name, 2.0, 22.0)
+    return piece(name, 2.0, 16.0)
 
 
 def late(name: str, start: str, by: float, channels: Collection[str] | None = None) -> PreparedRun:
