@@ -177,6 +177,7 @@ def _other_lengths(products: FaultColumns, runs: Sequence[PreparedRun], seconds:
     apart = apart | (of_track if np.any(apart & of_track) else False)
     lengths = [length for length, far in zip(Length, apart.tolist(), strict=True) if far]
     off, half, found, corrected = np.zeros(len(lengths)), np.zeros(len(lengths)), products, list(runs)
+    promised = 0.0
     for _ in range(_STEPS if lengths else 0):
         step = found.lengths(np.flatnonzero(apart))
         if step is None:
@@ -187,7 +188,9 @@ def _other_lengths(products: FaultColumns, runs: Sequence[PreparedRun], seconds:
         again = [of for run in corrected if (of := FaultColumns.of(run, lengths)) is not None]
         if len(again) < len(runs):
             return None
-        found = FaultColumns.joined(again)
+        found, promised = FaultColumns.joined(again), max(promised, step.fall)
+        if products.misfit - found.misfit < _PART_OF_ROWS * promised:
+            return None  # far less than first order says
         if np.max(np.abs(step.value)) < _CLOSE:
             break
     else:
