@@ -109,6 +109,21 @@ class Recorded:
             q_ = q_ + offset
         return cls(q_, tau_, rate, rates[0], rates[1], tuple(external), gaps, leaps, missing)
 
+    def beginning(self, part: float) -> Recorded:
+        """The first part (0 to 1) of the record."""
+        count = math.ceil(part * len(self.q))
+        seconds = count / self.rate
+        external = tuple(
+            replace(one, force=np.asarray(one.force)[:count], moment=None if one.moment is None else one.moment[:count])
+            for one in self.external
+        )
+        return replace(
+            self, q=self.q[:count], tau=self.tau[:count], external=external, missing=self.missing[:count],
+            qd=None if self.qd is None else self.qd[:count], qdd=None if self.qdd is None else self.qdd[:count],
+            gaps=self.gaps[np.sum(self.gaps, axis=1) < seconds],
+            leaps=tuple(one for one in self.leaps if one.start + one.seconds < seconds),
+        )  # fmt: skip
+
     def filters(self, cutoff: float | None, pre_cutoff: float | None, values: int = 0) -> Filters:
         """Filters of a fit of so many values up to `cutoff` [Hz] (by default `default_cutoff`), at the working rate.
 

@@ -36,6 +36,16 @@ def test_exchanged_columns_are_named(columns: ExchangedColumns, pair: tuple[int,
     assert max(one.exchanged) < 0.2 * min(one.sigma)
 
 
+def test_of_a_long_record_the_beginning_shows_it():
+    q, tau = record(31, 150.0)
+    found = identify_chain(ARM, q, tau[:, [0, 1, 3, 2]], rate=RATE, cutoff=0.9)
+    one = of(found)
+    assert one is not None
+    assert (one.joints, one.columns) == (ARM.names[2:4], (ExchangedColumns.TORQUES,))
+    part = found._recorded.beginning(0.4)
+    assert (len(part.q), len(part.tau), len(part.missing)) == (len(q) * 2 // 5,) * 3
+
+
 def test_no_law_is_named_beside_exchanged_columns():
     """Cross-friction of two joints fits exchanged torques: it is in doubt, and what to do is said."""
     q, tau = record(31)
