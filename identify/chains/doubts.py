@@ -83,7 +83,7 @@ class Doubts:
     biased : values that the noise of the positions moves by a large part of their intervals (`noise_bias`); `moved` by
         how much, by name.
     few : whether a joint has so few equations that its noise is hardly known (`FEW`).
-    in_degrees : whether the positions of turning joints are degrees (`in_degrees`).
+    in_degrees : turning joints whose positions are degrees (`in_degrees`).
     late : delay of all torques behind the positions, where it matters (`late_torques`).
     exchanged : two joints whose columns are exchanged (`exchanged_joints`); what would follow from that is no doubt
         beside it: signs of torques, delays, values that cannot be.
@@ -97,7 +97,7 @@ class Doubts:
     wrong_signs: tuple[ChainEstimate, ...] = ()
     biased: tuple[ChainEstimate, ...] = ()
     few: bool = False
-    in_degrees: bool = False
+    in_degrees: tuple[str, ...] = ()
     late: LateTorques | None = None
     moved: Mapping[str, float] = field(default_factory=dict[str, float])
     exchanged: ExchangedJoints | None = None
@@ -108,7 +108,7 @@ class Doubts:
 
 
 def doubts_of(
-    fitted: ChainFit, bias: Array, degrees: bool = False, late: LateTorques | None = None,
+    fitted: ChainFit, bias: Array, degrees: tuple[str, ...] = (), late: LateTorques | None = None,
     exchanged: ExchangedJoints | None = None,
 ) -> Doubts:  # fmt: skip
     """Reasons that a fit itself gives, beside the bias (b,) by noise of the positions, their unit, delays, order."""
@@ -123,19 +123,23 @@ def doubts_of(
     return Doubts(turned_torques(fitted), wrong, biased, few, degrees, late, by)
 
 
-def in_degrees(fitted: ChainFit, recorded: Recorded, filters: Filters, slowest: Array) -> bool:
-    """Whether the positions of the turning joints are degrees: they are large, and fit each joint far better as such.
+def in_degrees(fitted: ChainFit, recorded: Recorded, filters: Filters, slowest: Array) -> tuple[str, ...]:
+    """Turning joints whose positions are degrees: they are large, and fit those joints far better as such.
 
-    `slowest` : (f,) rates below which a joint's equations are left out [rad/s, m/s], as in the fit.
+    All turning joints, or those alone that are large. `slowest` : (f,) rates below which a joint's equations are not
+    fitted [rad/s, m/s], as in the fit.
     """
     chain = fitted.model.chain
-    unit = np.array([np.pi / 180.0 if chain.joints[j - 1].sigma == 0 else 1.0 for j in chain.coupling.free])
-    if np.max(np.abs(recorded.q[:, unit < 1.0]), initial=0.0) <= _TURNS:
-        return False
-    qd, qdd = (None if x is None else x * unit for x in (recorded.qd, recorded.qdd))
-    turned = replace(recorded, q=recorded.q * unit, qd=qd, qdd=qdd)
-    other = fit_chain(fitted.model, turned.samples(filters), slowest * unit)
-    return bool(np.all(other.sigma < _CLEARLY * fitted.sigma))
+    turning = np.array([chain.joints[j - 1].sigma == 0 for j in chain.coupling.free])
+    large = turning & (np.max(np.abs(recorded.q), axis=0) > _TURNS)
+    for degrees in (turning, large) if large.any() else ():
+        unit = np.where(degrees, np.pi / 180.0, 1.0)
+        qd, qdd = (None if x is None else x * unit for x in (recorded.qd, recorded.qdd))
+        turned = replace(recorded, q=recorded.q * unit, qd=qd, qdd=qdd)
+        other = fit_chain(fitted.model, turned.samples(filters), slowest * unit)
+        if np.all(other.sigma < np.where(degrees, _CLEARLY, 1.0 / _CLEARLY) * fitted.sigma):
+            return tuple(chain.names[j - 1] for j, own in zip(chain.coupling.free, degrees, strict=True) if own)
+    return ()
 
 
 def in_milliseconds(fitted: ChainFit, recorded: Recorded, filters: Filters, slowest: Array) -> bool:

@@ -150,7 +150,8 @@ def _doubts(doubts: Doubts) -> list[str]:
     if doubts.in_milliseconds:
         out.insert(0, "the times of the samples are milliseconds, as each joint fits: give seconds (or a rate in Hz)")
     if doubts.in_degrees:
-        out.insert(0, "the positions of turning joints are degrees, by their size and as each joint fits: give radians")
+        joints = ", ".join(doubts.in_degrees)
+        out.insert(0, f"the positions of {joints} are degrees, by their size and as each joint fits: give radians")
     if doubts.late is not None:
         delay, half = 1e3 * abs(doubts.late.delay), 1e3 * doubts.late.half
         when = "later" if doubts.late.delay > 0.0 else "earlier"

@@ -74,8 +74,11 @@ def test_positions_in_degrees_are_said_to_be_that():
     """No law is named, whatever seems missing then; positions that are large and are radians are in no doubt."""
     q, tau = record(31)
     one = identify_chain(ARM, np.degrees(q), tau, rate=RATE)
-    assert one.doubts.in_degrees
-    assert "The positions of turning joints are degrees" in str(one)
+    assert one.doubts.in_degrees == ARM.names
+    assert f"The positions of {', '.join(ARM.names)} are degrees" in str(one)
+    mixed = q.copy()
+    mixed[:, 1] = np.degrees(q[:, 1])
+    assert identify_chain(ARM, mixed, tau, rate=RATE).doubts.in_degrees == (ARM.names[1],)
     assert one.rank().verdict == "unsound fit"
     more_turns = identify_chain(ARM, q + 4.0 * np.pi, tau, rate=RATE)
     assert not more_turns.doubts.in_degrees
