@@ -20,6 +20,7 @@ from lacet.daq.frames import PUT_BACK, Frames, full_idents
 from lacet.daq.maps.assembly import Assembly, ChannelPiece
 from lacet.daq.maps.channel_map import ChannelMap, MapError
 from lacet.daq.maps.resolution import Key, in_si, resolved
+from lacet.daq.shared_stamps import one_by_one
 from lacet.daq.sources.dbc_messages import BusMessage, BusSignal, parse_dbc
 from lacet.daq.sources.source import Series
 from lacet.daq.text_source import is_file
@@ -63,12 +64,12 @@ _NEVER = int(np.iinfo(np.int64).min)
 @dataclass(frozen=True)
 class DbcState:
     """State between batches: stamp that is time 0, and the latest one [ns], incomplete samples by channel, last stamp
-    and frames of each message, and ledger."""
+    of each message, as received and behind those it shares, its frames, and ledger."""
 
     origin_ns: int | None
     front_ns: int | None
     channels: tuple[Assembly, ...]
-    last_ns: tuple[int, ...]
+    last_ns: tuple[tuple[int, int], ...]
     messages: tuple[MessageState, ...]
     ledger: Mapping[str, int]
 
@@ -149,7 +150,7 @@ class Dbc(Reader):
     def start(self) -> DbcState:
         """State before the first frame."""
         n, channels = len(self._used), tuple(one.copy() for one in self._channels)
-        return DbcState(None, None, channels, (_NEVER,) * n, (MessageState(),) * n, dict.fromkeys(_COUNTS, 0))
+        return DbcState(None, None, channels, ((_NEVER, _NEVER),) * n, (MessageState(),) * n, dict.fromkeys(_COUNTS, 0))
 
     def decode(self, frames: Frames, state: DbcState) -> tuple[list[Block], DbcState]:
         """Blocks of a batch, without the frames of other messages, and the state after it.
@@ -205,10 +206,12 @@ class Dbc(Reader):
             if not len(mine) and messages[i].waits_from is None:
                 continue
             t_ns = frames.t_ns[mine]
-            later = t_ns > np.maximum.accumulate(np.concatenate(([last[i]], t_ns)))[:-1]
+            # Adapters stamp what came in one transfer alike.
+            later = t_ns >= np.maximum.accumulate(np.concatenate(([last[i][0]], t_ns)))[:-1]
             ledger = add(ledger, received=len(mine), out_of_order=np.count_nonzero(~later))
-            mine, t_ns = mine[later], t_ns[later]
-            last[i] = int(t_ns[-1]) if len(mine) else last[i]
+            mine, received_ns = mine[later], t_ns[later]
+            t_ns = one_by_one(received_ns, last[i][1])
+            last[i] = (int(received_ns[-1]), int(t_ns[-1])) if len(mine) else last[i]
             payload = used.message.fitted(_rows(frames, mine, used.message.width))
             received = MessageFrames(payload, frames.lengths[mine], t_ns)
             front = latest[np.append(mine, len(latest) - 1)]

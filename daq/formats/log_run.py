@@ -17,6 +17,7 @@ from lacet.daq.formats.log_read import LogReader
 from lacet.daq.formats.wire import StartRecord
 from lacet.daq.rig import Rig
 from lacet.daq.run import BRAKES, Mark, Run, Signal
+from lacet.daq.shared_stamps import spread
 from lacet.daq.stuck import STUCK_SECONDS, stuck_samples
 
 
@@ -25,7 +26,8 @@ def read_run(path: Path) -> Run:
 
     Stamps are the arrivals; for sensors with ``clock = "device"`` in the recorded rig the device clock, and for those
     with ``clock = "steady"`` the sample's number times the channel's period, on the lower envelope of the arrivals.
-    No latency is removed.
+    Samples that share an arrival, for they came in one read, are spread over the time since the one before it. No
+    latency is removed.
 
     Raises
     ------
@@ -63,15 +65,7 @@ def build_run(
     stamps, kept = _stamped(rig, blocks, problems)
     if start_ns is None:
         start_ns = _earliest(stamps)
-    remedies = {
-        channel: ' (clock = "device" in the rig would separate them)'
-        for channel, block in blocks.items()
-        if block.device_ns is not None and stamps[channel] is block.t_ns
-    }
-    signals = {
-        channel: _signal(block, stamps[channel], start_ns, remedies.get(channel, ""), problems)
-        for channel, block in kept.items()
-    }
+    signals = {channel: _signal(block, stamps[channel], start_ns, problems) for channel, block in kept.items()}
     signals = {channel: signal for channel, signal in signals.items() if len(signal.t)}
     stuck = {channel: stuck_samples(signals, channel) for channel in signals}
     for channel, samples in stuck.items():
@@ -110,6 +104,7 @@ def _stamped(
     kept = dict(blocks)
     stamps: dict[str, np.ndarray] = {}
     without: dict[str, None] = {}
+    shared: dict[str, list[str]] = {}
     for channel, block in blocks.items():
         sensor = rig.sensor_of(channel) if rig else None
         stamps[channel] = block.t_ns
@@ -120,11 +115,30 @@ def _stamped(
                 stamps[channel], kept[channel] = _on_device_clock(block, block.device_ns, problems)
         elif sensor is not None and sensor.clock == "steady":
             stamps[channel], kept[channel] = _at_steady_rate(block, problems)
+        if sensor is None or sensor.clock != "device" or stamps[channel] is block.t_ns:
+            stamps[channel], count = spread(stamps[channel], 1e9 / CHANNELS[channel].rate)
+            if count:
+                of = sensor.name if sensor else ""
+                shared.setdefault(_better_clock(block, of), []).append(f"{channel} ({count:,} of {len(block):,})")
+    problems += [
+        f"{', '.join(those)}: samples that came together, with one stamp, are spread over the time since the one "
+        f"before{remedy}"
+        for remedy, those in shared.items()
+    ]
     if without:
         problems.append(
             f"{', '.join(without)}: the rig asks for the device clock, the log has none: stamps are arrivals"
         )
     return stamps, kept
+
+
+def _better_clock(block: Block, sensor: str) -> str:
+    """How samples that came together would have better stamps, for the message; empty where no rig says."""
+    if not sensor:
+        return ""
+    if block.device_ns is not None:
+        return f'; clock = "device" in the row {sensor} of the rig stamps them by their own clock'
+    return f'; if their rate is constant, clock = "steady" in the row {sensor} of the rig stamps them better'
 
 
 def _rig(name: str, start: StartRecord, problems: list[str]) -> Rig | None:
@@ -200,11 +214,8 @@ def _without_stuck(channel: str, signal: Signal, stuck: np.ndarray, problems: li
     return replace(signal, flags=signal.flags | np.where(stuck, np.uint8(Flag.STUCK), np.uint8(0)))
 
 
-def _signal(block: Block, t_ns: np.ndarray, start_ns: int, remedy: str, problems: list[str]) -> Signal:
-    """Signal with times in seconds since the run's start; samples not later than all before them are dropped.
-
-    `remedy` : what to do about those, for the message.
-    """
+def _signal(block: Block, t_ns: np.ndarray, start_ns: int, problems: list[str]) -> Signal:
+    """Signal with times in seconds since the run's start; samples not later than all before them are dropped."""
     usable = (block.flags & int(UNUSABLE)) == 0
     # Unusable samples do not affect the order of usable ones: they are kept where they fit between them.
     low, high = np.iinfo(np.int64).min, np.iinfo(np.int64).max
@@ -215,7 +226,7 @@ def _signal(block: Block, t_ns: np.ndarray, start_ns: int, remedy: str, problems
     good &= usable | _later(np.where(good, t_ns, low))
     dropped = int(np.count_nonzero(usable & ~good))
     if dropped:
-        problems.append(f"{block.channel}: {dropped} samples not later than the one before are left out{remedy}")
+        problems.append(f"{block.channel}: {dropped} samples not later than the one before are left out")
     if good.all():
         return Signal((t_ns - start_ns) / 1e9, block.values, block.flags)
     return Signal((t_ns[good] - start_ns) / 1e9, block.values[good], block.flags[good])

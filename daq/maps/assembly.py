@@ -19,6 +19,7 @@ from lacet.daq.channels import Channel
 from lacet.daq.maps.channel_map import Mapped
 from lacet.daq.maps.resolution import Key
 from lacet.daq.run import UNWRAPPED
+from lacet.daq.shared_stamps import TOGETHER_NS
 from lacet.daq.sources.source import Array, Series
 
 GAP_STEPS = 10.0
@@ -57,8 +58,10 @@ class _Held(NamedTuple):
         before = more.t[:1] if np.isnan(self.last) else np.array([self.last])
         steps = np.diff(np.concatenate([before, more.t]))
         first = 1 if np.isnan(self.last) else 0  # the first sample of all has no step before it
-        history = np.concatenate([self.steps, steps[first:]])
-        dropped = np.concatenate([np.zeros(first, bool), _drop_outs(history, len(steps) - first)])
+        apart = first + np.flatnonzero(steps[first:] > TOGETHER_NS / 1e9)  # samples that came together have no step
+        history = np.concatenate([self.steps, steps[apart]])
+        dropped = np.zeros(len(steps), bool)
+        dropped[apart] = _drop_outs(history, len(apart))
         return _Held(
             np.concatenate([self.t, more.t]), np.concatenate([self.values, more.values]),
             np.concatenate([self.flags, _flags_of(more)]), np.concatenate([self.dropped, dropped]), float(more.t[-1]),

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.frames import EXTENDED, STANDARD
+from lacet.daq.shared_stamps import one_by_one
 from lacet.daq.sources.dbc_messages import BusMessage, read_dbcs
 from lacet.daq.sources.frames import BusFrames
-from lacet.daq.sources.source import Listed, Piece, Series, Source, fault
+from lacet.daq.sources.source import Array, Listed, Piece, Series, Source, fault
 
 
 class BusSource(Source):
@@ -80,9 +81,8 @@ class BusSource(Source):
                 if any(f".{name}".endswith(f".{message.name}.{one.name}") for name in asked)
             }
             self.notes += [note for note in message.overlapping(mine) if note not in self.notes] if mine else []
-        read = 0
+        last: dict[tuple[str, str], tuple[float, int]] = {}
         for frames in self._frames():
-            read += len(frames.t)
             piece: dict[str, Series] = {}
             for message in self._messages:
                 if not any(f"{message.name}." in name for name in asked):
@@ -91,7 +91,7 @@ class BusSource(Source):
                 if not rows.size:
                     continue
                 for before, mine in self._by_bus(message, frames, rows):
-                    t = frames.t[mine] - self._origin
+                    t = _in_turn(frames.t[mine] - self._origin, last, (before, message.name))
                     payload, lengths = message.fitted(frames.rows[mine]), frames.lengths[mine]
                     for one in message.signals:
                         name = f"{before}{message.name}.{one.name}"
@@ -127,6 +127,25 @@ class BusSource(Source):
         )
         if note not in self.notes:
             self.notes.append(note)
+
+
+def _in_turn(t: Array, last: dict[tuple[str, str], tuple[float, int]], key: tuple[str, str]) -> Array:
+    """Stamps of a message's frames (N,) [s], of equal ones every next a nanosecond later; earlier ones as they are.
+
+    `last` : its latest stamp of the pieces before, as received [s] and made so [ns].
+    """
+    latest, made_ns = last.get(key, (-np.inf, None))
+    highest = np.maximum.accumulate(np.concatenate([[latest], t]))
+    if (t > highest[:-1]).all():
+        last[key] = float(t[-1]), round(float(t[-1]) * 1e9)
+        return t
+    later = t >= highest[:-1]
+    stamps = one_by_one(np.rint(t[later] * 1e9).astype(np.int64), made_ns)
+    if later.any():
+        last[key] = float(highest[-1]), int(stamps[-1])
+    out = t.copy()
+    out[later] = stamps / 1e9
+    return out
 
 
 def _some_ids(frames: Callable[[], Iterator[BusFrames]]) -> str:

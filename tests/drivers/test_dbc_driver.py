@@ -205,6 +205,34 @@ def test_a_frame_that_comes_again_is_used_once(back):
     assert counts == split_counts
 
 
+@pytest.mark.parametrize("counter", [{}, {"counter": "Alive"}])
+@pytest.mark.parametrize("period", [2, 10])
+def test_frames_stamped_by_their_transfer_are_all_used(counter, period):
+    """An adapter that stamps what came in 16 ms alike; also of a channel of two messages, whose values go together."""
+    sent = [(-(-period * n // 16) * 16, 256, esp(n, alive=n % 16)) for n in range(300)]
+    sent += [(t, 257, (36 * k).to_bytes(2, "little") + b"\0\0") for k, (t, _, _) in enumerate(sent)]
+    stream = frames(*sorted(sent, key=lambda row: row[0]))
+    one = driver({"car.lateral_accel": "Lat", "correvit.speed.x": "Lat * 1 s", "correvit.speed.y": "Speed"}, **counter)
+    got, counts = decode_all(one, stream)
+    np.testing.assert_array_equal(got["car.lateral_accel"].values[:, 0], np.arange(300.0))
+    np.testing.assert_allclose(got["correvit.speed"].values, np.arange(300.0)[:, None] * [1.0, 0.1], atol=1e-9)
+    assert not got["car.lateral_accel"].flags.any()
+    assert not got["correvit.speed"].flags.any()
+    assert counts["out_of_order"] == counts["lost"] == counts["repeated"] == 0
+    for cuts in (range(1, len(stream)), range(0, len(stream), 7)):
+        split, split_counts = decode_split(one, stream, cuts)
+        same_blocks(got, split)
+        assert split_counts == counts
+
+
+def test_a_frame_written_twice_with_one_stamp_is_used_once_where_a_counter_says_so():
+    rows = [row for n, row in enumerate(alive(range(60))) for _ in range(1 + (n % 20 == 7))]
+    values, flagged, counts = by_counter(rows)
+    np.testing.assert_array_equal(values, np.arange(60.0))
+    assert flagged == []
+    assert (counts["repeated"], counts["lost"], counts["out_of_order"]) == (3, 0, 0)
+
+
 def alive(numbers, at=lambda n: 10 * n) -> list[tuple[int, int, bytes]]:
     """Messages of these numbers at 100 Hz, each with its number as the value and in the counter."""
     return [(at(n), 256, esp(n % 300, alive=n % 16)) for n in numbers]

@@ -11,6 +11,7 @@ import pytest
 
 from lacet.daq.errors import FileFault, RigError, UsageError
 from lacet.daq.formats.log import LogReader
+from lacet.daq.formats.open_run import open_run
 from lacet.daq.frames import Frames
 from lacet.daq.rig import Rig
 from lacet.services.acquisition.own_drivers import own_drivers, trust_file
@@ -74,6 +75,28 @@ def test_the_page_s_driver_does_not_depend_on_how_bytes_are_read(car):
         same_blocks(whole, other)
         assert split_counts == counts
     assert counts == {"received": len(STREAM), "samples": 5, "bad_line": 2}
+
+
+def test_lines_that_come_in_one_read_are_all_in_the_run(car):
+    """Four sensors at 100 Hz on an adapter that hands over its bytes every 16 ms."""
+    lines = [(10 * k, f"{corner} {k}.0\n".encode()) for k in range(200) for corner in ("FL", "FR", "RL", "RR")]
+    reads = [
+        ("serial0", T0 + 16 * n * 10**6, 0, b"".join(text for t, text in lines if 16 * (n - 1) < t <= 16 * n))
+        for n in range(126)
+    ]
+    (car.parent / "raw.mcap").unlink()
+    write_capture(
+        car.parent / "raw.mcap", Rig.load(car / "rig.toml"),
+        {"serial0": Frames.from_iter("serial0", [read for read in reads if read[3]])},
+    )  # fmt: skip
+    code, out = decoded(car, "--trust")
+    assert code == 0
+    run = open_run(out)
+    for corner in ("fl", "fr", "rl", "rr"):
+        signal = run.signals[f"suspension.{corner}.travel"]
+        np.testing.assert_allclose(signal.values[:, 0], np.arange(200) / 1000.0)
+        assert np.abs(np.diff(signal.t) - 0.01).max() < 0.01
+    assert [line for line in run.problems if "samples that came together" in line and 'clock = "steady"' in line]
 
 
 def test_changed_new_and_missing_files_ask_again(car, capsys):
