@@ -21,7 +21,7 @@ from lacet.daq.maps.assembly import Assembly, ChannelPiece
 from lacet.daq.maps.channel_map import ChannelMap, MapError
 from lacet.daq.maps.resolution import Key, in_si, resolved
 from lacet.daq.shared_stamps import one_by_one
-from lacet.daq.sources.dbc_messages import BusMessage, BusSignal, parse_dbc
+from lacet.daq.sources.dbc_messages import BusMessage, BusSignal, Senders, parse_dbc
 from lacet.daq.sources.source import Series
 from lacet.daq.text_source import is_file
 from lacet.drivers.framework.base import Reader
@@ -37,7 +37,7 @@ PATIENCE = 2.0
 OPTIONS = ("dbc", "signals", "sources", "counter", "checksum", "status")
 _COUNTS = (
     "received", "samples", "lost", "bad_checksum", "incomplete", "bad_status", "repeated", "reordered", "restarts",
-    "out_of_order", "no_neighbour",
+    "out_of_order", "other_sender", "no_neighbour",
 )  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -64,13 +64,14 @@ _NEVER = int(np.iinfo(np.int64).min)
 @dataclass(frozen=True)
 class DbcState:
     """State between batches: stamp that is time 0, and the latest one [ns], incomplete samples by channel, last stamp
-    of each message, as received and behind those it shares, its frames, and ledger."""
+    of each message, as received and behind those it shares, its frames and senders, and ledger."""
 
     origin_ns: int | None
     front_ns: int | None
     channels: tuple[Assembly, ...]
     last_ns: tuple[tuple[int, int], ...]
     messages: tuple[MessageState, ...]
+    senders: tuple[Senders, ...]
     ledger: Mapping[str, int]
 
 
@@ -150,7 +151,8 @@ class Dbc(Reader):
     def start(self) -> DbcState:
         """State before the first frame."""
         n, channels = len(self._used), tuple(one.copy() for one in self._channels)
-        return DbcState(None, None, channels, ((_NEVER, _NEVER),) * n, (MessageState(),) * n, dict.fromkeys(_COUNTS, 0))
+        last, ledger = ((_NEVER, _NEVER),) * n, dict.fromkeys(_COUNTS, 0)
+        return DbcState(None, None, channels, last, (MessageState(),) * n, (Senders(),) * n, ledger)
 
     def decode(self, frames: Frames, state: DbcState) -> tuple[list[Block], DbcState]:
         """Blocks of a batch, without the frames of other messages, and the state after it.
@@ -171,7 +173,7 @@ class Dbc(Reader):
                 made, state = self.finish(state)
                 _collect(blocks, made)
                 again = tuple(replace(one, pace=Pace()) for one in state.messages)
-                state = replace(self.start(), messages=again, ledger=state.ledger)
+                state = replace(self.start(), messages=again, senders=state.senders, ledger=state.ledger)
             frames = frames[end:]
         return [Block.concat(parts) for parts in blocks.values()], state
 
@@ -189,9 +191,15 @@ class Dbc(Reader):
 
     def counts(self, state: DbcState) -> dict[str, int]:
         """The ledger. ``received``, ``lost``, ``bad_checksum``, ``incomplete`` (too short), ``repeated`` and
-        ``reordered`` (by a counter), ``restarts`` (of a counter, or it stands still) and ``out_of_order`` (by stamps)
-        count frames; ``bad_status`` samples, and ``no_neighbour`` those around which another component has none."""
+        ``reordered`` (by a counter), ``restarts`` (of a counter, or it stands still), ``out_of_order`` (by stamps) and
+        ``other_sender`` (of a J1939 message, not used) count frames; ``bad_status`` samples, and ``no_neighbour`` those
+        around which another component has none."""
         return dict(state.ledger)
+
+    def remarks(self, state: DbcState) -> tuple[str, ...]:
+        """J1939 messages that come from several senders."""
+        notes = (one.note(used.message) for used, one in zip(self._used, state.senders, strict=True))
+        return tuple(note for note in notes if note)
 
     def _decoded(
         self, frames: Frames, state: DbcState, latest: NDArray[np.int64], ended: bool = False
@@ -199,16 +207,19 @@ class Dbc(Reader):
         """Blocks of frames, and of those held back; `latest` (N + 1,): latest stamp up to each and to the end [ns]."""
         origin = state.origin_ns if state.origin_ns is not None or not len(frames) else int(frames.t_ns[0])
         idents = full_idents(frames.ident)
-        last, messages, ledger = list(state.last_ns), list(state.messages), state.ledger
+        last, messages, senders, ledger = list(state.last_ns), list(state.messages), list(state.senders), state.ledger
         pieces: dict[Key, Series] = {}
         for i, used in enumerate(self._used):
             mine = np.flatnonzero(used.message.of(idents))
             if not len(mine) and messages[i].waits_from is None:
                 continue
+            ours, senders[i] = state.senders[i].then(used.message, idents[mine])
+            ledger = add(ledger, received=len(mine), other_sender=np.count_nonzero(~ours))
+            mine = mine[ours]
             t_ns = frames.t_ns[mine]
             # Adapters stamp what came in one transfer alike.
             later = t_ns >= np.maximum.accumulate(np.concatenate(([last[i][0]], t_ns)))[:-1]
-            ledger = add(ledger, received=len(mine), out_of_order=np.count_nonzero(~later))
+            ledger = add(ledger, out_of_order=np.count_nonzero(~later))
             mine, received_ns = mine[later], t_ns[later]
             t_ns = one_by_one(received_ns, last[i][1])
             last[i] = (int(received_ns[-1]), int(t_ns[-1])) if len(mine) else last[i]
@@ -223,7 +234,7 @@ class Dbc(Reader):
         # Frames held back are still to come.
         front_ns = min([int(latest[-1]), *(one.waits_from for one in messages if one.waits_from is not None)])
         made = [one.feed(pieces, front=(front_ns - (origin or 0)) / 1e9) for one in channels]
-        state = DbcState(origin, int(latest[-1]), channels, tuple(last), tuple(messages), ledger)
+        state = DbcState(origin, int(latest[-1]), channels, tuple(last), tuple(messages), tuple(senders), ledger)
         return self._made(made, state)
 
     @staticmethod

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lacet.daq.frames import EXTENDED, STANDARD
 from lacet.daq.shared_stamps import one_by_one
-from lacet.daq.sources.dbc_messages import BusMessage, read_dbcs
+from lacet.daq.sources.dbc_messages import BusMessage, Senders, read_dbcs
 from lacet.daq.sources.frames import BusFrames
 from lacet.daq.sources.source import Array, Listed, Piece, Series, Source, fault
 
@@ -82,6 +82,7 @@ class BusSource(Source):
             }
             self.notes += [note for note in message.overlapping(mine) if note not in self.notes] if mine else []
         last: dict[tuple[str, str], tuple[float, int]] = {}
+        senders: dict[tuple[str, str], Senders] = {}
         for frames in self._frames():
             piece: dict[str, Series] = {}
             for message in self._messages:
@@ -90,8 +91,11 @@ class BusSource(Source):
                 rows = np.flatnonzero(message.of(frames.ident))
                 if not rows.size:
                     continue
-                for before, mine in self._by_bus(message, frames, rows):
-                    t = _in_turn(frames.t[mine] - self._origin, last, (before, message.name))
+                for before, those in self._by_bus(message, frames, rows):
+                    key = (before, message.name)
+                    used, senders[key] = senders.get(key, Senders()).then(message, frames.ident[those])
+                    mine = those[used]
+                    t = _in_turn(frames.t[mine] - self._origin, last, key)
                     payload, lengths = message.fitted(frames.rows[mine]), frames.lengths[mine]
                     for one in message.signals:
                         name = f"{before}{message.name}.{one.name}"
@@ -102,6 +106,9 @@ class BusSource(Source):
             self.done = min(0.99, self.done + len(frames.t) * 24 / self._size)
             if piece:
                 yield piece
+        by_name = {message.name: message for message in self._messages}
+        said = [(before, one.note(by_name[name])) for (before, name), one in senders.items()]
+        self.notes += [f"{before}{note}" for before, note in said if note]
         self.done = 1.0
 
     def _by_bus(

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
@@ -27,6 +28,10 @@ _NO_VALUE = re.compile(r"\b(sna|invalid|not[ _]?avail\w*|no[ _]?value|error|faul
 """Names of raw values that mean that there is none."""
 _PGN, _PGN_TO_ALL = np.uint32(EXTENDED | 0x03FFFF00), np.uint32(EXTENDED | 0x03FF0000)
 """Bits of a J1939 identifier that are the parameter group: of a broadcast, and of a message to one receiver."""
+_ADDRESS = 0xFF
+"""Bits of a J1939 identifier that are the sender's address."""
+_NO_ADDRESS = 0xFE
+"""Address from which on a DBC names no sender: that of a unit without one, and that of all. Reason: SAE J1939-81."""
 _FLOATS: dict[int, tuple[type, type]] = {
     16: (np.uint16, np.float16), 32: (np.uint32, np.float32), 64: (np.uint64, np.float64),
 }  # fmt: skip
@@ -87,20 +92,38 @@ class BusSignal:
 
 @dataclass(frozen=True)
 class BusMessage:
-    """A message of a DBC: its identifier, with `EXTENDED`, its length [byte] and its signals."""
+    """A message of a DBC: its identifier, with `EXTENDED`, its length [byte] and its signals.
+
+    `alone` : no other message of the DBC has its J1939 parameter group.
+    """
 
     name: str
     ident: int
     length: int
     j1939: bool
     signals: tuple[BusSignal, ...]
+    alone: bool = True
+
+    @property
+    def sender(self) -> int | None:
+        """J1939 address of the sender that the DBC names, None where it names none."""
+        address = self.ident & _ADDRESS
+        return address if self.j1939 and address < _NO_ADDRESS else None
 
     def of(self, ident: NDArray[np.uint32]) -> NDArray[np.bool_]:
         """(N,) which frames are this message, by identifiers with `EXTENDED`."""
+        return (ident & self._mask) == np.uint32(self.group)
+
+    @property
+    def group(self) -> int:
+        """The bits of its identifier that its frames have: all, of J1939 those of the parameter group."""
+        return int(np.uint32(self.ident) & self._mask)
+
+    @property
+    def _mask(self) -> np.uint32:
         if not self.j1939:
-            return ident == np.uint32(self.ident)
-        mask = _PGN if (self.ident >> 16) & 0xFF >= 0xF0 else _PGN_TO_ALL
-        return (ident & mask) == (np.uint32(self.ident) & mask)
+            return np.uint32(0xFFFFFFFF)
+        return _PGN if (self.ident >> 16) & 0xFF >= 0xF0 else _PGN_TO_ALL
 
     def overlapping(self, names: Collection[str]) -> list[str]:
         """Signals among `names` that share bits with another one that is sent with them, a sentence for each pair."""
@@ -121,6 +144,49 @@ class BusMessage:
         if have >= self.width:
             return np.ascontiguousarray(rows[:, : self.width])
         return np.concatenate([rows, np.zeros((len(rows), self.width - have), np.uint8)], axis=1)
+
+
+@dataclass(frozen=True)
+class Senders:
+    """Senders of a J1939 message: the address of the one that is used, None before the first frame, and the number of
+    frames of each other one."""
+
+    used: int | None = None
+    others: Mapping[int, int] = field(default_factory=dict)
+
+    def then(self, message: BusMessage, ident: NDArray[np.uint32]) -> tuple[NDArray[np.bool_], Senders]:
+        """(N,) which of the next frames of the message are used, by their identifiers; and the senders so far.
+
+        The sender is the one that the DBC names as soon as it is there, until then the first one; only the one that it
+        names where the DBC has several messages of this parameter group.
+        """
+        if not message.j1939 or not len(ident):
+            return np.ones(len(ident), bool), self
+        address, named = ident & np.uint32(_ADDRESS), message.sender
+        used = int(address[0]) if self.used is None else self.used
+        used = used if named is None or message.alone else named
+        mine = address == used
+        if named is not None and used != named and (address == named).any():
+            at = int(np.argmax(address == named))
+            mine[at:] = address[at:] == named
+            used = named
+        if mine.all() and used == self.used:
+            return mine, self
+        others = dict(self.others)
+        for other, count in zip(*np.unique(address[~mine], return_counts=True), strict=True):
+            others[int(other)] = others.get(int(other), 0) + int(count)
+        return mine, Senders(used, others)
+
+    def note(self, message: BusMessage) -> str:
+        """What is said of other senders, empty where there are none."""
+        if not self.others or not message.alone:
+            return ""
+        others = ", ".join(f"{address:#04x} ({count:,} frames)" for address, count in sorted(self.others.items()))
+        which = "which the DBC names" if self.used == message.sender else "the first one"
+        return (
+            f"message {message.name} comes from several senders: those of {self.used:#04x} are used, {which}; not used "
+            f"are {others}; for another one write its address as the last byte of the identifier in the DBC"
+        )
 
 
 def read_dbcs(paths: Sequence[Path]) -> list[BusMessage]:
@@ -184,7 +250,9 @@ def parse_dbc(text: str, name: str) -> list[BusMessage]:
     ]
     if faults:
         raise DbcError(name, faults)
-    return [_message(entry) for entry in database.messages]
+    messages = [_message(entry) for entry in database.messages]
+    groups = Counter(one.group for one in messages)
+    return [replace(one, alone=groups[one.group] == 1) for one in messages]
 
 
 def _message(entry: Any) -> BusMessage:

@@ -46,6 +46,10 @@ class Driver(Protocol):
         """The loss ledger: ``received``, ``samples`` and losses by cause (``bad_checksum``, ``lost`` …)."""
         ...
 
+    def remarks(self, state: State) -> tuple[str, ...]:
+        """What is doubtful in the frames so far, a sentence each."""
+        return ()
+
     def encode(self, blocks: Mapping[str, Block], counter: int = 0) -> Frames:
         """The frames that a sensor would send for these samples (all channels on the same stamps).
 

@@ -32,6 +32,7 @@ NO_LOSS = frozenset(
         "unknown_ident",
         "no_driver",
         "no_neighbour",
+        "other_sender",
     }
 )
 """Entries of a ledger that are no losses in transit of what a sensor sent."""
@@ -91,8 +92,12 @@ class Decoder:
 
     @property
     def notes(self) -> list[str]:
-        """What is doubtful in the layouts of the drivers, a sentence each."""
-        return [f"sensor {wired.sensor.name}: {note}" for wired in self._wired for note in wired.driver.notes]
+        """What is doubtful in the layouts of the drivers and in the frames so far, a sentence each."""
+        return [
+            f"sensor {wired.sensor.name}: {note}"
+            for wired in self._wired
+            for note in (*wired.driver.notes, *self._remarks(wired))
+        ]
 
     @property
     def watched(self) -> tuple[Watched, ...]:
@@ -164,6 +169,15 @@ class Decoder:
             for source, causes in self.ledger().items()
         }
         return {source: causes for source, causes in rows.items() if causes}
+
+    @staticmethod
+    def _remarks(wired: _Wired) -> tuple[str, ...]:
+        """Remarks of a driver so far; none of one that cannot say them."""
+        try:
+            return tuple(wired.driver.remarks(wired.state))
+        except Exception as error:
+            wired.failure = wired.failure or _place_of(error)
+            return ()
 
     @staticmethod
     def _counts(wired: _Wired) -> Mapping[str, int]:

@@ -187,12 +187,15 @@ def run(args: argparse.Namespace) -> int:
             resumed_ns=broken.last_ns if broken else None,
         )
         line.notify(f"run {start.run_id}: recording {', '.join(rig.buses)} to {log.path}")
-        for note in decoder.notes:
+        for note in (noted := decoder.notes):
             line.notify(note)
         with marks_by_key(recorder.mark) as keys:
             if keys:
                 line.notify("Enter sets a marker, with the text typed before it; Ctrl-C ends the run")
             summary = recorder.run(stop, args.duration, args.until_idle, lambda: _ready(args))
+        for note in decoder.notes:
+            if note not in noted:
+                line.notify(note)
         if args.endpoints is not None:
             ready_file(args.endpoints).unlink(missing_ok=True)
         line.notify(_closing(summary))

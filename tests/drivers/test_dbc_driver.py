@@ -353,9 +353,9 @@ def test_a_checksum_that_the_rig_names_is_computed_over_the_rest_of_the_message(
 def test_multiplexed_signals_can_fd_and_j1939():
     sent = [(10 * i, 258, bytes([i % 2]) + (100 * i).to_bytes(2, "little") + bytes(5)) for i in range(10)]
     sent += [(10 * i + 1, 259, bytes(40) + np.float32(1.5 * i).tobytes() + bytes(4)) for i in range(10)]
-    # From two senders, with another priority; a standard identifier of the same low bits is another message.
+    # With another priority; a standard identifier of the same low bits is another message.
     sent += [(10 * i + 2, ident, bytes(3) + (800 * i).to_bytes(2, "little") + bytes(3))
-             for i in range(10) for ident in ([0x0CF00400, 0x18F00421][i % 2],)]  # fmt: skip
+             for i in range(10) for ident in ([0x0CF00400, 0x18F00400][i % 2],)]  # fmt: skip
     sent += [(95, 0x400, bytes(8))]
     signals = {
         "wheel.fl.speed": "Fl", "wheel.fr.speed": "Fr", "damper.fl.force": "Wide.Force", "engine.speed": "EngineSpeed",
@@ -367,6 +367,59 @@ def test_multiplexed_signals_can_fd_and_j1939():
     np.testing.assert_allclose(got["damper.fl.force"].values[:, 0], 1.5 * np.arange(10))
     np.testing.assert_allclose(got["engine.speed"].values[:, 0], rpm * 100 * np.arange(10))
     assert counts["received"] == 30
+
+
+@pytest.mark.parametrize(("named", "used"), [(0xFE, 0x03), (0x00, 0x00)], ids=["first", "named"])
+def test_of_two_senders_of_a_j1939_message_one_is_used_and_the_other_said(tmp_path: Path, named: int, used: int):
+    """The one that the DBC names once it is there, else the first one; by a rig and by a map."""
+    text = DBC.replace("2364540158", str(0x8CF00400 | named))
+    rows = [(10 * i + address // 2, 0x0CF00400 | address, bytes(3) + (800 * i + address).to_bytes(2, "little"))
+            for i in range(40) for address in (0x00, 0x03) if i or address]  # fmt: skip
+    own = open_driver(
+        "dbc", "can0", {"dbc": "m.dbc", "signals": {"engine.speed": "EngineSpeed"}}, None, {"m.dbc": text}
+    )
+    stream = frames(*rows)
+    got, counts = decode_all(own, stream)
+    raw = np.rint(got["engine.speed"].values[:, 0] / (np.pi / 30) / 0.125)
+    np.testing.assert_array_equal(raw[1:] % 800, used)
+    assert len(raw) == 40
+    assert (counts["received"], counts["other_sender"], counts["lost"]) == (79, 39, 0)
+    for cuts in (range(1, len(stream)), range(0, len(stream), 7)):
+        split, split_counts = decode_split(own, stream, cuts)
+        same_blocks(got, split)
+        assert split_counts == counts
+    _, state = own.decode(stream, own.start())
+    (said,) = own.remarks(state)
+    assert f"those of {used:#04x} are used" in said
+    assert f"not used are {3 - used:#04x} (39 frames)" in said
+    (tmp_path / "m.dbc").write_text(text)
+    lines = [f"({1.7e9 + t / 1e3:.6f}) can0 {ident:08X}#{data.hex()}\n" for t, ident, data in rows]
+    (tmp_path / "a.log").write_text("".join(lines))
+    map_ = ChannelMap.parse(
+        'format = "lacet-map 1"\n[read]\ndbc = "m.dbc"\n[channels]\n"engine.speed" = "EngineSpeed"', "m", tmp_path
+    )
+    run = mapped_run([tmp_path / "a.log"], map_)
+    np.testing.assert_allclose(run.signals["engine.speed"].values, got["engine.speed"].values)
+    assert said in run.problems
+
+
+def test_two_messages_of_one_parameter_group_have_each_its_own_sender():
+    second = DBC[DBC.index("BO_ 2364540158") : DBC.index("BA_DEF_ BO_")].replace(
+        "2364540158 Eec1", "2364539907 Retarder"
+    )
+    text = DBC.replace("2364540158", "2364539904").replace("BA_DEF_ BO_", second + "BA_DEF_ BO_", 1)
+    text = text.replace(
+        'BA_ "VFrameFormat" BO_ 259 4', 'BA_ "VFrameFormat" BO_ 2364539907 3;\nBA_ "VFrameFormat" BO_ 259 4'
+    )
+    signals = {"engine.speed": "Eec1.EngineSpeed", "wheel.fl.speed": "Retarder.EngineSpeed"}
+    own = open_driver("dbc", "can0", {"dbc": "m.dbc", "signals": signals}, None, {"m.dbc": text})
+    rows = [
+        (10 * i + a, 0x0CF00400 | a, bytes(3) + (80 * a + 8).to_bytes(2, "little")) for i in range(9) for a in (3, 0)
+    ]
+    got, _ = decode_all(own, frames(*sorted(rows)))
+    rpm = np.pi / 30
+    np.testing.assert_allclose(got["engine.speed"].values[:, 0], np.full(9, 1.0 * rpm))
+    np.testing.assert_allclose(got["wheel.fl.speed"].values[:, 0], np.full(9, 31.0 * rpm))
 
 
 def test_a_value_that_the_dbc_names_as_none_and_a_frame_cut_short_are_missing():
