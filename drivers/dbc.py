@@ -197,8 +197,15 @@ class Dbc(Reader):
         return dict(state.ledger)
 
     def remarks(self, state: DbcState) -> tuple[str, ...]:
-        """J1939 messages that come from several senders."""
-        notes = (one.note(used.message) for used, one in zip(self._used, state.senders, strict=True))
+        """J1939 messages that come from several senders, and counters that do not count."""
+        notes = [one.note(used.message) for used, one in zip(self._used, state.senders, strict=True)]
+        for used, one in zip(self._used, state.messages, strict=True):
+            if used.checks.counter is not None and one.stood is not None and one.stood > 1:
+                name, value = used.checks.counter.name, one.counter.last
+                notes.append(
+                    f"counter {name} of message {used.message.name} stands at {value} in all {one.stood:,} frames: it does "
+                    "not count and shows no loss; correct 'counter' in the rig"
+                )
         return tuple(note for note in notes if note)
 
     def _decoded(

@@ -41,13 +41,17 @@ class MessageFrames(NamedTuple):
 @dataclass(frozen=True)
 class MessageState:
     """State of one message between batches: counter, pace, last frames, those held back, and one in order of which the
-    next says whether it was late or others are lost."""
+    next says whether it was late or others are lost.
+
+    `stood` : frames whose counter is that of the first one; None once it has been another.
+    """
 
     counter: CounterState = field(default_factory=CounterState)
     pace: Pace = field(default_factory=Pace)
     recent: Recent = field(default_factory=Recent)
     held: MessageFrames | None = None
     undecided: MessageFrames | None = None
+    stood: int | None = 0
 
     @property
     def waits_from(self) -> int | None:
@@ -89,9 +93,29 @@ def followed(
             turns, pace = whole_turns(counter, trusted, frames.t_ns, bits, state.counter.last, state.pace)
     ledger = add(ledger, bad_checksum=np.count_nonzero(flags & np.uint8(Flag.CHECKSUM)))
     jumps, after = follow_counter(counter, trusted, bits, state.counter, turns)
-    flags[jumps.gap] |= np.uint8(Flag.GAP)
-    ledger = add(ledger, lost=jumps.lost.sum(), restarts=np.count_nonzero(jumps.back))
-    return frames, flags, replace(state, counter=after, pace=pace), ledger
+    still, stood = _standing(counter, trusted, state)
+    flags[jumps.gap & ~still] |= np.uint8(Flag.GAP)
+    ledger = add(ledger, lost=jumps.lost[~still].sum(), restarts=np.count_nonzero(jumps.back | still))
+    return frames, flags, replace(state, counter=after, pace=pace, stood=stood), ledger
+
+
+def _standing(
+    counter: NDArray[np.int64], trusted: NDArray[np.bool_], state: MessageState
+) -> tuple[NDArray[np.bool_], int | None]:
+    """(N,) frames behind the first one whose counter has never been another so far, and `MessageState.stood` after.
+
+    A counter that has never counted shows no loss.
+    """
+    still = np.zeros(len(counter), bool)
+    at = np.flatnonzero(trusted)
+    if state.stood is None or not len(at):
+        return still, state.stood
+    values = counter[at]
+    first = values[0] if state.counter.last is None else state.counter.last
+    other = np.flatnonzero(values != first)
+    end = int(other[0]) if len(other) else len(at)
+    still[at[int(state.counter.last is None) : end]] = True
+    return still, None if len(other) else state.stood + end
 
 
 def _reaches(frames: MessageFrames, counter: Signal) -> NDArray[np.bool_]:

@@ -298,6 +298,27 @@ def test_a_counter_that_stands_still_is_no_loss():
     assert counts["lost"] == (80 - 60) % 16
 
 
+@pytest.mark.parametrize("bits", [4, 16])
+def test_a_counter_that_never_counts_is_said_once_and_hides_nothing(bits):
+    text = DBC.replace("SG_ Alive : 36|4@1+", f"SG_ Alive : 40|{bits}@1+")
+    options = {"dbc": "my.dbc", "signals": {"car.lateral_accel": "Lat"}, "counter": "Alive"}
+    own, rows = open_driver("dbc", "can0", options, None, {"my.dbc": text}), [(10 * n, 256, esp(n)) for n in range(90)]
+    got, counts = decode_all(own, frames(*rows))
+    np.testing.assert_array_equal(got["car.lateral_accel"].values[:, 0], np.arange(90.0))
+    assert not got["car.lateral_accel"].flags.any()
+    assert (counts["lost"], counts["restarts"]) == (0, 89)
+    for cuts in (range(1, 90), range(0, 90, 7)):
+        split, split_counts = decode_split(own, frames(*rows), cuts)
+        same_blocks(got, split)
+        assert split_counts == counts
+    _, state = own.decode(frames(*rows), own.start())
+    assert own.remarks(own.finish(state)[1]) == (
+        "counter Alive of message Esp stands at 0 in all 90 frames: it does not count and shows no loss; correct "
+        "'counter' in the rig",
+    )
+    assert driver(options["signals"], counter="Alive").remarks(own.start()) == ()
+
+
 def test_a_sender_that_was_off_has_lost_what_its_counter_shows():
     rows = alive(range(60)) + [(t + 3000, ident, data) for t, ident, data in alive(range(64, 100))]
     _, flagged, counts = by_counter(rows)
