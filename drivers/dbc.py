@@ -203,8 +203,8 @@ class Dbc(Reader):
             if used.checks.counter is not None and one.stood is not None and one.stood > 1:
                 name, value = used.checks.counter.name, one.counter.last
                 notes.append(
-                    f"counter {name} of message {used.message.name} stands at {value} in all {one.stood:,} frames: it does "
-                    "not count and shows no loss; correct 'counter' in the rig"
+                    f"counter {name} of message {used.message.name} stands at {value} in all {one.stood:,} frames: it "
+                    "does not count and shows no loss; correct 'counter' in the rig"
                 )
         return tuple(note for note in notes if note)
 

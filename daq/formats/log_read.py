@@ -38,6 +38,9 @@ _Record = TypeVar("_Record")
 PIECE_SECONDS = 20.0
 """Stretch of a log whose messages are joined before more are read [s]: thousands of small arrays cost memory."""
 
+_SHOWN = 3
+"""Topics that a line on missing messages names."""
+
 
 class LogReader:
     """Reader of the log of one run, complete or damaged, in all its files.
@@ -270,15 +273,13 @@ class LogReader:
             expected |= {DECODED + name.replace(".", "/"): t.messages for name, t in self.manifest.channels.items()}
             expected |= {RAW + name: tally.messages for name, tally in self.manifest.sources.items()}
         names = expected.keys() | {topic for topic in self._topics if topic.startswith((RAW, DECODED))}
-        lines = []
-        for topic in sorted(names):
+        found: list[tuple[str, int, list[tuple[int, int]]]] = []
+        for topic in sorted(names, key=lambda topic: (not topic.startswith(RAW), topic)):
             runs = sorted(run for number in self._topics.get(topic, ()) for run in self._scan.contents[number].runs)
             end = expected.get(topic, max((stop for _, stop in runs), default=0))
-            missing = _missing(runs, end)
-            if missing:
-                number = sum(stop - first for first, stop in missing)
-                lines.append(f"{topic}: {number} of {end} messages are missing: {_ranges(missing)}")
-        return lines
+            if missing := _missing(runs, end):
+                found.append((topic, end, missing))
+        return _by_hole(found)
 
 
 def _scan(path: Path, files: dict[int, Path]) -> McapScan | RunScan:
@@ -347,6 +348,39 @@ def _missing(runs: list[list[int]], end: int) -> list[tuple[int, int]]:
             out.append((after, min(begin, end)))
         after = max(after, stop)
     return out
+
+
+def _by_hole(found: Sequence[tuple[str, int, list[tuple[int, int]]]]) -> list[str]:
+    """Lines on topics, the number of their messages, and the stretches missing: one for those with the same holes."""
+    alike: list[list[tuple[str, int, list[tuple[int, int]]]]] = []
+    for one in found:
+        for group in alike:
+            others = group[0][2]
+            if len(others) == len(one[2]) and all(
+                a < d and c < b for (a, b), (c, d) in zip(one[2], others, strict=True)
+            ):
+                group.append(one)
+                break
+        else:
+            alike.append([one])
+    lines: list[str] = []
+    for group in alike:
+        topics = ", ".join(topic for topic, *_ in group[:_SHOWN])
+        topics += f" and {len(group) - _SHOWN} more" if len(group) > _SHOWN else ""
+        number = _from_to([sum(stop - first for first, stop in missing) for *_, missing in group])
+        widest = [
+            (min(one[2][k][0] for one in group), max(one[2][k][1] for one in group)) for k in range(len(group[0][2]))
+        ]
+        of_each = " of each" if len(group) > 1 else ""
+        end = _from_to([end for _, end, _ in group])
+        lines.append(f"{topics}: {number} of {end} messages{of_each} are missing: {_ranges(widest)}")
+    return lines
+
+
+def _from_to(numbers: Sequence[int]) -> str:
+    """``4 to 5``, or ``4`` where all are alike."""
+    least, most = min(numbers), max(numbers)
+    return str(least) if least == most else f"{least} to {most}"
 
 
 def _ranges(stretches: list[tuple[int, int]]) -> str:

@@ -246,4 +246,6 @@ def test_two_lost_chunks_are_named(tmp_path: Path, whole: Whole):
     damage = "\n".join(LogReader(path).damage)
     assert damage.count("left out") == 2
     lost = whole.chunks[4][1]["/raw/can0"] + whole.chunks[9][1]["/raw/can0"]
-    assert f"/raw/can0: {lost} of 30 messages are missing" in damage
+    (line,) = [line for line in damage.splitlines() if "are missing" in line]
+    assert line.startswith("/raw/can0, ")
+    assert f"{lost} of 30 messages of each are missing: " in line
