@@ -8,15 +8,25 @@ from pathlib import Path
 import numpy as np
 
 from lacet.daq.frames import Frames, wire_idents
-from lacet.daq.sources.frames import Beside, BusFrames, bus_kind, is_bus_log, read_frames, read_mdf_frames
+from lacet.daq.sources.frames import (
+    Beside,
+    BusFrames,
+    bus_kind,
+    form_not_read,
+    is_bus_log,
+    read_frames,
+    read_mdf_frames,
+)
 from lacet.daq.sources.source import fault
 
 KINDS = "candump, BLF, ASC, TRC, or an MDF bus log (.mf4)"
 
 
 def is_raw_log(path: Path) -> bool:
-    """Whether a file is a bus log of another tool, by its suffix and contents."""
-    return path.suffix.lower() in (".mf4", ".mdf") or bool(path.is_file() and bus_kind(path))
+    """Whether a file is a bus log of another tool, by its suffix and contents, in a form that is read or not."""
+    if path.suffix.lower() in (".mf4", ".mdf"):
+        return True
+    return path.is_file() and bool(bus_kind(path) or form_not_read(path))
 
 
 def read_bus_log(
@@ -60,6 +70,8 @@ def _opened(path: Path, damage: list[str] | None, beside: Beside) -> tuple[int |
         raise fault(
             path, "this MDF file holds measured channels, no raw frames of a bus: lacet import reads it by a map"
         )
+    if form := form_not_read(path):
+        raise fault(path, form)
     raise fault(path, f"no raw frames of a bus: give {KINDS}, or a capture of lacet's (.mcap)")
 
 

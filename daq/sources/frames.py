@@ -33,6 +33,10 @@ _LONGEST_LINE = 4096
 """Bytes at the end of a text log that hold its last line."""
 _STEPS = 3
 """Steps of a clock that a sentence lists."""
+_PRINTED = re.compile(
+    r"\s*(\([^)]*\))?\s*\w+\s+(?:[RT]X\s+\S+\s+\S+\s+)?[0-9A-F]{3,8}\s+\[\d+\]\s+(?:[0-9A-F]{2}(?:\s|$)|remote)", re.I
+)
+"""A line of candump without ``-L``: stamp or none, bus, identifier, length in brackets, bytes."""
 _CANDUMP = re.compile(r"^\s*\(\d+\.\d+\)\s+\S+\s+[0-9A-Fa-f]+#")
 SUFFIXES = {".blf": "BLF", ".asc": "ASC", ".trc": "TRC"}
 
@@ -97,6 +101,26 @@ class BusFrames:
             self.t[which], self.ident[which], self.bus[which], self.buses, self.lengths[which], self.rows[which],
             self.start_ns,
         )  # fmt: skip
+
+
+def form_not_read(path: Path) -> str:
+    """What to do about frames that a tool wrote in a form that is not read; empty for any other file."""
+    try:
+        with path.open("rb") as stream:
+            begin = stream.read(4096).decode("utf-8", "replace").lstrip("\ufeff")
+    except OSError:
+        return ""
+    first = next((line for line in begin.splitlines() if line.strip()), "")
+    if found := _PRINTED.match(first):
+        stamps = "" if found[1] else ", without stamps, which cannot be had from it"
+        return (
+            f"this is what candump prints on a screen{stamps}; record with candump -L, whose lines are "
+            "(1600000000.000000) can0 123#0011223344556677"
+        )
+    if first.lower().startswith("timestamp,arbitration_id,"):
+        made = path.with_suffix(".log").name
+        return f"this is a CSV of frames by python-can; convert it: python -m can.logconvert {path.name} {made}"
+    return ""
 
 
 def bus_kind(path: Path) -> str:

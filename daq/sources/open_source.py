@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from lacet.daq.sources.frames import bus_kind, is_bus_log, read_frames, read_mdf_frames
+from lacet.daq.sources.frames import bus_kind, form_not_read, is_bus_log, read_frames, read_mdf_frames
 from lacet.daq.sources.source import Reading, Source, fault
 
 KINDS = {
@@ -71,6 +71,8 @@ def open_source(path: str | Path, reading: Reading | None = None) -> Source:
         source = BusSource(file, reading.dbc, lambda lost: read_frames(file, kind, lost), None)
         source.without_zone = kind in ("ASC", "BLF")
         return source
+    if form := form_not_read(file):
+        raise fault(file, form)
     match KINDS.get(file.suffix.lower()):
         case "text table" | "candump" | "ASC" | "TRC":
             from lacet.daq.sources.csv_table import CsvTable

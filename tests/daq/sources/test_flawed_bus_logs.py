@@ -17,7 +17,7 @@ from lacet.daq.maps.channel_map import ChannelMap
 from lacet.daq.maps.mapped_run import mapped_run
 from lacet.daq.run import Run
 from lacet.daq.sources import frames as frame_readers
-from lacet.daq.sources.bus_log import read_bus_log
+from lacet.daq.sources.bus_log import is_raw_log, read_bus_log
 from lacet.daq.sources.frames import Beside
 from lacet.daq.sources.open_source import open_source
 from lacet.daq.sources.source import Reading
@@ -336,3 +336,31 @@ def test_what_is_whole_before_and_behind_a_damaged_container_of_a_blf_log_is_rea
         rf"drive.blf: bytes [\d,]+ to [\d,]+ of {len(content):,} cannot be read, after {max(0.0, begin):.2f} s: "
         "the frames in them are missing", said,
     )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        (" (1750000000.000000)  can0  100   [8]  00 00 14 74 CC 00 00 00", r"candump prints on a screen; .*candump -L"),
+        (" (2025-06-15 15:06:40.000000)  can0  RX - -  0CF00400   [3]  0a ff 20", r"screen; .*candump -L"),
+        ("  vcan1  100  [12]  00 00 14 74 CC 00 00 00 00 00 00 00", r"without stamps, which cannot be had.*candump -L"),
+        (
+            "timestamp,arbitration_id,extended,remote,error,dlc,data",
+            r"CSV of frames by python-can; .*can.logconvert a.log",
+        ),
+    ],
+)
+def test_frames_in_a_form_that_is_not_read_are_refused_with_the_remedy(tmp_path: Path, line: str, says: str) -> None:
+    path = tmp_path / "a.log"
+    path.write_text(f"{line}\n{line}\n", encoding="utf-8")
+    assert is_raw_log(path)
+    with pytest.raises(RunError, match=says):
+        read_bus_log(path)
+    with pytest.raises(RunError, match=says):
+        open_source(path, Reading())
+
+
+def test_a_table_whose_header_looks_like_hexadecimal_is_none_of_these_forms(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("time acc [1] bed\n0.0 1 2 3\n0.1 1 2 3\n", encoding="utf-8")
+    assert not is_raw_log(path)
