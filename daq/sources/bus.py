@@ -29,9 +29,12 @@ class BusSource(Source):
         self._frames = frames
         self._size = max(1, path.stat().st_size)
         if not dbc:
+            beside = sorted(file.name for file in path.parent.glob("*.dbc"))
+            there = f"; beside it {'is' if len(beside) == 1 else 'are'} {', '.join(beside)}" if beside else ""
+            named = beside[0] if len(beside) == 1 else "my-car.dbc"
             raise fault(
-                path, f"these are raw frames of a bus ({_some_ids(frames)}): the file that describes them is missing; "
-                'say it in the map, [read] dbc = ["my-car.dbc"], or with --dbc FILE',
+                path, f"these are raw frames of a bus ({_some_ids(frames)}): the file that describes them is missing"
+                f'{there}; say it in the map, [read] dbc = ["{named}"], or on a command line with --dbc FILE',
             )  # fmt: skip
         self._messages = read_dbcs(dbc)
         first = next(iter(frames()), None)

@@ -364,3 +364,19 @@ def test_a_table_whose_header_looks_like_hexadecimal_is_none_of_these_forms(tmp_
     path = tmp_path / "a.txt"
     path.write_text("time acc [1] bed\n0.0 1 2 3\n0.1 1 2 3\n", encoding="utf-8")
     assert not is_raw_log(path)
+
+
+@pytest.mark.parametrize(
+    ("files", "says"),
+    [
+        ([], r'is missing; say it in the map, \[read\] dbc = \["my-car.dbc"\]'),
+        (["a.dbc"], r'beside it is a.dbc; say it in the map, \[read\] dbc = \["a.dbc"\], or on a command line'),
+        (["b.dbc", "a.dbc"], r"beside it are a.dbc, b.dbc; say it"),
+    ],
+)
+def test_a_bus_log_without_its_dbc_names_those_beside_it(tmp_path: Path, files: list[str], says: str) -> None:
+    (tmp_path / "drive.log").write_text("\n".join(drive()[:4]) + "\n", encoding="utf-8")
+    for name in files:
+        (tmp_path / name).write_text(DBC, encoding="utf-8")
+    with pytest.raises(RunError, match=says):
+        open_source(tmp_path / "drive.log", Reading())
