@@ -58,6 +58,7 @@ class LogReader:
     stop : the stop record, None when the file has none.
     manifest : number and checksum of the messages stored, None when the log was not closed.
     damage : losses, one line each; empty for a complete log. Reading may add to it.
+    holes : bus → log times [ns] of the batches of raw frames around those missing, of what was read so far.
 
     Raises
     ------
@@ -69,6 +70,7 @@ class LogReader:
         self.files = {1: self.path} if alone else files_of_run(self.path)
         self._scan = _scan(self.path, self.files)
         self.damage: list[str] = self._scan.damage
+        self.holes: dict[str, dict[int, int]] = defaultdict(dict)
         self._topics: dict[str, list[int]] = defaultdict(list)
         for number in self._scan.contents:
             self._topics[self._scan.channels[number].topic].append(number)
@@ -219,10 +221,15 @@ class LogReader:
         self, topics: Iterable[str], between: tuple[int, int] | None = None
     ) -> Iterator[tuple[int, Frames | Block]]:
         refused: dict[str, tuple[int, str]] = {}
+        before: dict[str, tuple[int, int]] = {}
         for message in self._scan.messages(self._numbers(topics), between=between):
             topic = self._scan.channels[message.channel].topic
             try:
                 if topic.startswith(RAW):
+                    number, log_ns = before.get(topic, (message.sequence - 1, message.log_ns))
+                    if message.sequence > number + 1:
+                        self.holes[topic.removeprefix(RAW)][log_ns] = message.log_ns
+                    before[topic] = message.sequence, message.log_ns
                     yield message.log_ns, frames_from_bytes(message.data)[0]
                 elif topic.startswith(DECODED):
                     yield message.log_ns, block_from_bytes(message.data)[0]

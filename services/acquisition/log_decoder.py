@@ -19,6 +19,7 @@ from lacet.daq.formats.log import LogReader, LogWriter
 from lacet.daq.frames import Frames
 from lacet.daq.pauses import Stamps
 from lacet.services.acquisition.stream_decoder import Decoder
+from lacet.services.acquisition.unseen_losses import UnseenLosses
 
 WINDOW_NS = 100_000_000
 """Duration of the messages written [ns]."""
@@ -60,6 +61,7 @@ class LogDecoder:
         between: tuple[int, int] | None = None,
     ):
         self._decoder = decoder
+        self._unseen = UnseenLosses(reader, decoder)
         self._known = dict(known or {})
         self._sources = [_Source(name, _within(reader.batches(name), between)) for name in reader.sources()]
         spans = [reader.span(name) for name in reader.sources()]
@@ -92,7 +94,10 @@ class LogDecoder:
                 if frames is not None:
                     self.last_ns = max(self.last_ns, int(frames.t_ns.max()))
                     self._open[False, source.name].append(frames, numbers)
-                    self._add(self._decoder.feed(frames))
+                    before = self._lost(source.name)
+                    blocks = self._decoder.feed(frames)
+                    self._unseen.note(blocks, source.name, self._lost(source.name) - before)
+                    self._add(blocks)
             waiting = [source for source in waiting if source.filled()]
             if waiting:  # else the samples of `finish` come first
                 self._write(writer, limit - HOLD)
@@ -100,6 +105,10 @@ class LogDecoder:
         self._add(self._decoder.finish())
         self._write(writer, None)
         yield 1.0
+
+    def _lost(self, source: str) -> int:
+        """Samples of a bus that its counters show to be lost, so far; not counted where no frames are missing."""
+        return self._decoder.ledger()[source].get("lost", 0) if self._unseen.may_be(source) else 0
 
     def _add(self, blocks: list[Block]) -> None:
         """Take over decoded blocks, and keep those that are late."""

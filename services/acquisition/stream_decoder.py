@@ -84,6 +84,8 @@ class Decoder:
         if faults:
             raise RigError(rig.path, faults)
         self._received: dict[str, int] = defaultdict(int)
+        self.unseen: dict[str, int] = defaultdict(int)
+        """Bus → samples lost that no counter shows, where they are known by other means; in the ledger too."""
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -159,6 +161,8 @@ class Decoder:
                 sums["no_driver"] = total
             elif bus is not None and bus.kind == "can":
                 sums["unknown_ident"] = max(0, total - sums["received"])
+            if self.unseen[source]:
+                sums["lost_unseen"] = self.unseen[source]
             out[source] = {**sums, "received": total}
         return out
 

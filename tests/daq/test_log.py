@@ -243,8 +243,11 @@ def test_two_lost_chunks_are_named(tmp_path: Path, whole: Whole):
         wrong[whole.chunks[k][0] - 20] ^= 0xFF
     path = tmp_path / "wrong.mcap"
     path.write_bytes(wrong)
-    damage = "\n".join(LogReader(path).damage)
+    reader = LogReader(path)
+    damage = "\n".join(reader.damage)
     assert damage.count("left out") == 2
+    assert list(reader.batches("can0"))
+    assert len(reader.holes["can0"]) == 2
     lost = whole.chunks[4][1]["/raw/can0"] + whole.chunks[9][1]["/raw/can0"]
     (line,) = [line for line in damage.splitlines() if "are missing" in line]
     assert line.startswith("/raw/can0, ")
