@@ -140,7 +140,7 @@ def test_little_room_closes_the_log_and_room_again_opens_the_next_of_the_same_ru
     assert [file.name for file in found.summary.files] == ["run.mcap", "run-2.mcap"]
     assert list(whole.files.values()) == found.summary.files
     # What the disk could not take is missing in the numbers, and nothing else.
-    assert [line.split(":")[0] for line in whole.damage] == ["/decoded/correvit/speed", "/raw/can0"]
+    assert [line.split(":")[0] for line in whole.damage] == ["/raw/can0, /decoded/correvit/speed"]
     assert "less than 200 MB were free on the disk" in [event.text for event in whole.events()]
     assert whole.start == StartRecord("r", T0, "", whole.start.rig_text)
     assert any("IS CLOSED; publishing goes on" in line for line in found.told)
