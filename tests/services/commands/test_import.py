@@ -199,7 +199,7 @@ def test_can_fd_j1939_and_multiplexed_signals_of_a_log(tmp_path: Path, suffix: s
         muxed = bytes([i % 2]) + (100 * i).to_bytes(2, "little") + bytes(5)
         wide = bytes(40) + np.float32(1.5 * i).tobytes() + bytes(4)
         engine = bytes(3) + (800 * i).to_bytes(2, "little") + bytes(3)
-        sender = [0x0CF00400, 0x18F00421][i % 2]  # another priority, another sender
+        sender = [0x0CF00400, 0x18F00400][i % 2]  # another priority
         rows += [(0x102, False, muxed), (0x103, False, wide), (sender, True, engine)]
     with can.Logger(str(tmp_path / f"lap{suffix}")) as writer:
         for i, (ident, extended, data) in enumerate(rows):
