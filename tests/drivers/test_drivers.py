@@ -159,7 +159,7 @@ def test_values_out_of_range_saturate(name, sign, huge):
 
 
 @every_driver
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(seed=seeds, cuts=st.lists(st.integers(0, 150), max_size=20))
 def test_any_split_gives_the_same_samples(name, seed, cuts):
     driver = open_driver(name, "bus")
