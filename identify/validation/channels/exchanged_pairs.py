@@ -63,10 +63,9 @@ def exchanged_pair(run: PreparedRun, products: FaultColumns) -> ExchangedPair | 
     floor = floor_of_rows(run, Sensitivity.of(recording, laws, first_estimate(run, laws, priors), ROUGH))
 
     def squares(one: PreparedRun) -> float:
-        """Weighted squares of what varies in the rows: zeros of channels are nearly constant there."""
         one.prepare(laws)
-        table = [_varying(one.matrix(laws, row)) / floor[row] for row in one.rows] + [np.diag(1.0 / priors)]
-        right = [_varying(one.measured[row]) / floor[row] for row in one.rows] + [np.zeros(priors.size)]
+        table = [one.matrix(laws, row) / floor[row] for row in one.rows] + [np.diag(1.0 / priors)]
+        right = [one.measured[row] / floor[row] for row in one.rows] + [np.zeros(priors.size)]
         normal, side = np.concatenate(table), np.concatenate(right)
         return float(np.sum((side - normal @ np.linalg.lstsq(normal, side, rcond=None)[0]) ** 2))
 
@@ -82,10 +81,6 @@ def exchanged_pair(run: PreparedRun, products: FaultColumns) -> ExchangedPair | 
     wires, pair = best
     seconds = float(recording.t[0]), float(recording.t[-1])
     return ExchangedPair(pair, wires, products.misfit**0.5, other.misfit**0.5, {run.name: seconds})
-
-
-def _varying(values: Array) -> Array:
-    return values - values.mean(axis=0)
 
 
 def _in_common(found: Sequence[ExchangedPair]) -> list[ExchangedPair]:

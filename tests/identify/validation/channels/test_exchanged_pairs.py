@@ -20,24 +20,30 @@ RIG, VEHICLE = Rig.load(CAR / "rig.toml"), Vehicle.load(CAR / "vehicle.toml")
 
 
 def exchanged(run: Run, kinds: frozenset[str], one: str, other: str) -> Run:
-    """The run without its ground lasers and with the channels of two wheels the other way round."""
+    """The run with the channels of two wheels the other way round, but those of ground lasers."""
     there = {one: other, other: one}
     signals = {}
     for name, signal in run.signals.items():
         kind, corner, *rest = name.split(".")
-        if kind in kinds and corner in there:
+        if kind in kinds and corner in there and "ground" not in rest:
             corner = there[corner]
-        if "ground" not in rest:
-            signals[".".join((kind, corner, *rest))] = signal
+        signals[".".join((kind, corner, *rest))] = signal
     return replace(run, signals=signals)
 
 
 @pytest.mark.parametrize(
-    ("wires", "pair"), [(Wires.LOADS, ("rl", "rr")), (Wires.DISTANCES, ("fr", "rl"))], ids=["loads", "travels"]
+    ("wires", "pair", "zero"),
+    [(Wires.LOADS, ("rl", "rr"), 0.0), (Wires.DISTANCES, ("fr", "rl"), 0.0), (Wires.DISTANCES, ("fl", "fr"), 0.02)],
+    ids=["loads", "travels", "travels with a zero"],
 )
-def test_two_wheels_the_other_way_round_are_named(wires: Wires, pair: tuple[str, str]) -> None:
+def test_two_wheels_the_other_way_round_are_named(wires: Wires, pair: tuple[str, str], zero: float) -> None:
     kinds = {Wires.LOADS: LOADS, Wires.DISTANCES: DISTANCES}[wires]
     run = exchanged(piece("sine", 2.0, 14.0), kinds, *pair)
+    if zero:
+        travel = run.signals["laser.rr.hub"]
+        run = replace(run, signals={**run.signals, "laser.rr.hub": replace(travel, values=travel.values + zero)})
+    else:
+        run = replace(run, signals={name: one for name, one in run.signals.items() if "ground" not in name})
     (found,) = column_faults([PreparedRun.of(run, VEHICLE, RIG)])
     assert isinstance(found, ExchangedPair)
     assert (found.corners, found.wires) == (pair, wires)
