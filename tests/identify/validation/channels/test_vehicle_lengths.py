@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import residual
 from lacet.identify.validation.channels import wrong_places
+from lacet.identify.validation.channels.late_instruments import LateInstruments
 from lacet.identify.validation.channels.single_faults import column_faults
 from lacet.identify.validation.channels.vehicle_lengths import Length, length_columns, with_lengths
 from lacet.identify.validation.channels.wrong_places import Misplaced, OtherLengths
@@ -66,6 +69,21 @@ def test_a_wheelbase_is_named_beside_the_units_place_that_does_the_same() -> Non
     assert found.or_lengths is not None
     assert found.or_lengths.off == {Length.WHEELBASE: pytest.approx(-0.14, abs=0.02)}
     assert "or geometry.wheelbase is 2.6" in from_equations(found)
+
+
+def test_tracks_are_named_beside_an_instrument_that_is_late() -> None:
+    """Its delay is removed first."""
+    drives = [piece(name, 2.0, 16.0) for name in ("sine", "rough")]
+    late = [
+        replace(
+            run, signals={n: replace(s, t=s.t + 0.04) if n.startswith("imu") else s for n, s in run.signals.items()}
+        )
+        for run in drives
+    ]
+    instrument, lengths = column_faults([PreparedRun.of(run, with_lengths(VEHICLE, TRACKS), RIG) for run in late])
+    assert isinstance(instrument, LateInstruments)
+    assert isinstance(lengths, OtherLengths)
+    assert lengths.off.keys() == TRACKS.keys()
 
 
 def test_lengths_that_leave_what_they_are_for_are_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
