@@ -67,6 +67,14 @@ def test_what_else_is_wrong_is_no_exchange():
         assert of(identify_chain(ARM, q * mirrored, tau * signs + more, rate=RATE, cutoff=0.9)) is None
 
 
+def test_friction_between_two_joints_that_fits_one_of_them_exchanged_is_no_exchange():
+    """The other joint's error stays: of exchanged columns both are wrong."""
+    q, tau = record(31)
+    rates = np.gradient(q, 1.0 / RATE, axis=0)
+    coupled = 20.0 * rates @ np.eye(4)[[0, 3, 2, 1]] * [0.0, 1.0, 0.0, 1.0]
+    assert of(identify_chain(ARM, q, tau + coupled, rate=RATE, cutoff=0.9)) is None
+
+
 def test_slides_that_do_not_act_on_each_other_fit_exchanged_either_way():
     """Both columns that may be exchanged are named."""
     slides = Chain.from_table([{"j": j, "ant": 0, "sigma": 1} for j in (1, 2)])
